@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas
 from pymantaray.apps.atlas.figures import error_maps
-from pymantaray.pages.style import rendered
+from pymantaray.plotting.style import rendered
 from pymantaray.records import whole_file
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"

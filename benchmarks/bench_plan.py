@@ -24,8 +24,8 @@ from scipy.stats import kendalltau
 from scipy.stats.qmc import LatinHypercube
 
 from pymantaray.apps.plan import DeploymentPlan, PlanResults, PlanSection, search_designs
-from pymantaray.apps.plan.ensemble import pareto_front
 from pymantaray.apps.plan.evaluate import DesignEvaluator
+from pymantaray.apps.plan.results import pareto_front
 from pymantaray.apps.study import open_run
 from pymantaray.apps.sweep import Sweep, run_sweep
 from pymantaray.apps.sweep.plan import SweepPlan

@@ -154,7 +154,7 @@ def draw(points: list[Point], path: Path) -> None:
     CPU time above, memory below, a column a sweep; the slope is that of the last two points
     measured.
     """
-    from pymantaray.pages import style
+    from pymantaray.plotting import style
 
     @style.styled
     def figure() -> object:

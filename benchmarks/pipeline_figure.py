@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from pymantaray.apps.study.figures.pipeline import pipeline
-from pymantaray.pages.style import rendered
+from pymantaray.plotting.style import rendered
 
 if __name__ == "__main__":
     Path(sys.argv[1]).write_bytes(rendered(pipeline(""), ("png",), dpi=200)["png"])

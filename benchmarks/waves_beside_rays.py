@@ -382,7 +382,7 @@ DRAWN_AT = 500.0
 
 def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
     """Envelopes of four links, and the rays' error in level over frequency of all."""
-    from pymantaray.pages import style
+    from pymantaray.plotting import style
 
     @style.styled
     def figure() -> object:

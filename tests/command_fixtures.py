@@ -13,8 +13,8 @@ from PIL import Image
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
 from pymantaray.errors import MantaRayError
-from pymantaray.pages import writing
 from pymantaray.pages.page import Page
+from pymantaray.plotting import drawing
 
 WATER_WORDS = (
     "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
@@ -64,7 +64,8 @@ def undrawn(monkeypatch):
     with BytesIO() as file:
         Image.new("L", (8, 6)).save(file, "PNG")
         small = file.getvalue()
-    for module in ("pages.writing", "apps.rays.figures", "pages.style"):  # which has the function
+    # modules that have the function
+    for module in ("plotting.drawing", "plotting.style", "apps.rays.figures"):
         monkeypatch.setattr(
             f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, small)
         )
@@ -73,9 +74,9 @@ def undrawn(monkeypatch):
 @pytest.fixture
 def drawn(undrawn, monkeypatch):
     """Figures and contents of pages that are made; files have small images."""
-    made, small, files = SimpleNamespace(figures=[], pages=[]), writing.rendered, Page.files
+    made, small, files = SimpleNamespace(figures=[], pages=[]), drawing.rendered, Page.files
     monkeypatch.setattr(
-        writing,
+        drawing,
         "rendered",
         lambda figure, *a, **k: made.figures.append(figure) or small(figure, *a, **k),
     )

@@ -16,9 +16,8 @@ import typer
 from sources import PACKAGE as LIBRARY, nodes_of
 
 from pymantaray.apps.study import manifest
-from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of
 from pymantaray.cli.main import main, tree
-from pymantaray.cli.printing import log_to_stderr
+from pymantaray.cli.printing import _PARAMETERS, in_options, log_to_stderr, use_options_of
 from pymantaray.errors import OceanError, SweepError
 from pymantaray.messages import one_line, without_secrets
 

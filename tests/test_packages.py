@@ -83,8 +83,8 @@ def test_archives_hold_the_package_and_nothing_else(archives):
         "py.typed",
         "config/presets/quick.toml",
         "pages/templates/page.html",
-        "pages/templates/run.js",
-        "pages/mantaray.mplstyle",
+        "apps/study/templates/run.js",
+        "plotting/mantaray.mplstyle",
         "apps/table/mantaray_table.h",
     ):
         assert f"pymantaray/{name}" in ours

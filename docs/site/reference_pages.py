@@ -359,7 +359,7 @@ def summary(described: Any) -> str:
 
 def commands() -> dict[str, str]:
     """Page of all commands."""
-    from pymantaray.cli.panels import prepare_help
+    from pymantaray.cli.options import prepare_help
 
     parts = [
         "# Commands",

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import platform
-import re
 import resource
 import shlex
 import sys
@@ -46,10 +45,10 @@ def versions() -> dict[str, str | None]:
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 
-_SHOWING = ("cli", "pages", "figures")
+_SHOWING = ("cli", "pages", "plotting", "figures")
 """Folders whose modules show results and change none."""
-_DECLARED = re.compile(rb"^SHOWS_RESULTS = True$", re.MULTILINE)
-"""Declaration of any other module that only shows results: a command, a page or its figures."""
+_SHOWING_MODULES = ("command", "figures", "page", "plots", "report")
+"""Last words of the names of such modules in other folders."""
 
 
 @cache
@@ -64,19 +63,16 @@ def code_version() -> str:
     content = hashlib.sha256("".join(f"{k} {v}\n" for k, v in versions().items()).encode())
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root)
-        source = file.read_bytes()
-        if not shows_results(name, source):
-            digest = hashlib.sha256(source).hexdigest()
+        if not shows_results(name):
+            digest = hashlib.sha256(file.read_bytes()).hexdigest()
             content.update(f"{name.as_posix()} {digest}\n".encode())
     return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
 
 
-def shows_results(module: Path, source: bytes) -> bool:
-    """
-    True for a module that shows results and changes none: by its folder in the package, or because
-    it declares it.
-    """
-    return not set(_SHOWING).isdisjoint(module.parts[:-1]) or bool(_DECLARED.search(source))
+def shows_results(module: Path) -> bool:
+    """True for a module that shows results and changes none, by its folder or its name."""
+    last_word = module.stem.rpartition("_")[2]
+    return last_word in _SHOWING_MODULES or not set(_SHOWING).isdisjoint(module.parts[:-1])
 
 
 def peak_memory_mib() -> float:

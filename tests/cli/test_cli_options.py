@@ -13,7 +13,7 @@ from command_fixtures import registered_commands
 from refusals import refused
 from typer.testing import CliRunner
 
-from pymantaray.cli.options import GridOptions, OceanCommand, parse_duration, parse_place, quantity
+from pymantaray.cli.options import GridOptions, OceanCommand, parse_duration, quantity
 from pymantaray.config import load_study, parse_study
 from pymantaray.errors import MantaRayError, WaterError
 
@@ -204,11 +204,6 @@ def test_a_group_without_a_command_prints_its_help(mantaray, words):
 )
 def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, number):
     assert quantity(unit)(text) == number
-    assert parse_place("--source", f"6 km,0,{text}" if unit == "m" else "6000,0,4000") == (
-        6000.0,
-        0.0,
-        4000.0,
-    )
 
 
 def test_an_option_refuses_another_quantity_in_one_line(mantaray):

@@ -32,6 +32,7 @@ SCRIPTS = {
     "replay": "table.js",
     "atlas": "atlas.js",
 }
+PACKAGES = {"run": "apps.study", "atlas": "apps.atlas"}
 
 
 class Parts(HTMLParser):
@@ -126,8 +127,12 @@ def test_a_page_has_its_own_script_after_what_all_share(page):
     assert tables.strip() == (TEMPLATES / "tables.js").read_text(encoding="utf-8").strip()
     assert unpacked(library) == get_plotlyjs()
     expected = [
-        (TEMPLATES / file).read_text(encoding="utf-8").rstrip()
-        for file in ("plots.js", *(["scene.js"] if name == "run" else []), SCRIPTS[name])
+        (files(f"pymantaray.{package}") / "templates" / file).read_text(encoding="utf-8").rstrip()
+        for package, file in (
+            ("pages", "plots.js"),
+            *([("apps.study", "run_scene.js")] if name == "run" else []),
+            (PACKAGES.get(name, "pages"), SCRIPTS[name]),
+        )
     ]
     assert script.strip() == "".join(expected)
     assert json.loads(unpacked(numbers))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pymantaray.pages.style import (
+from pymantaray.plotting.style import (
     condition_labels,
     new_figure,
     ocean_header,

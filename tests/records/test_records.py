@@ -34,7 +34,7 @@ KINDS = sorted(  # a graph has tables of its own, a ping of the service has reco
     (
         kind
         for kind in SUBCLASSES
-        if kind is not FactorGraph and kind.__module__ != "pymantaray.apps.service.ping"
+        if kind is not FactorGraph and kind.__module__ != "pymantaray.apps.service.ranging_service"
     ),
     key=lambda kind: kind.kind,
 )

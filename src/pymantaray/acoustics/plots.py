@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
-from pymantaray.pages import style
-from pymantaray.pages.style import axes_or_new
-from pymantaray.pages.water import RAY_KINDS
+from pymantaray.plotting import style
+from pymantaray.plotting.style import axes_or_new
+from pymantaray.plotting.water import RAY_KINDS
 
 if TYPE_CHECKING:
     from pymantaray.acoustics.levels.loss import TransmissionLoss
@@ -49,9 +49,7 @@ def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
     bed = float(medium.bed.depth.min()), float(medium.bed.depth.max())
     axes.axhspan(*bed, color=style.BED, alpha=0.5, linewidth=0.0)
     axes.axhline(bed[0], color=style.SHORE, linewidth=0.8)
-    axes.set_ylim(1.03 * bed[1], 0.0)
-    axes.set_xlabel("Sound speed [m/s]")
-    axes.set_ylabel("Depth [m]")
+    axes.set(ylim=(1.03 * bed[1], 0.0), xlabel="Sound speed [m/s]", ylabel="Depth [m]")
     return axes
 
 
@@ -128,8 +126,7 @@ def plot_rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:
         step = np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1)
         axes.plot(np.append(0.0, np.cumsum(step)) / _KM, place[:, 2], label=label, **look)
     axes.yaxis.set_inverted(True)
-    axes.set_xlabel("Horizontal range [km]")
-    axes.set_ylabel("Depth [m]")
+    axes.set(xlabel="Horizontal range [km]", ylabel="Depth [m]")
     if used:
         axes.legend()
     return axes

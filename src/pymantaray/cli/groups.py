@@ -208,7 +208,12 @@ def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 def _library_group(kind: Any, selection: Fields) -> _Group:
     """Group of the selected fields of a library's dataclass."""
-    described = _descriptions(kind)
+    # description and unit of each field, from the section Parameters of a docstring
+    described = {}
+    for name, text in _ENTRY.findall(inspect.getdoc(kind) or ""):
+        words = " ".join(text.replace("`", "").split())
+        unit = _UNIT.search(words)
+        described[name] = (words[: unit.start()], unit[1]) if unit else (words, "")
     members: dict[str, _Option | _Group] = {}
     for field in fields(kind):
         option = selection.options.get(field.name)
@@ -217,16 +222,6 @@ def _library_group(kind: Any, selection: Fields) -> _Group:
         elif option is not None:
             members[field.name] = _option(field.type, field.default, option, *described[field.name])
     return _Group(kind, members)
-
-
-def _descriptions(kind: type) -> dict[str, tuple[str, str]]:
-    """Description and unit of each field, from the section Parameters of a docstring."""
-    found = {}
-    for name, text in _ENTRY.findall(inspect.getdoc(kind) or ""):
-        words = " ".join(text.replace("`", "").split())
-        unit = _UNIT.search(words)
-        found[name] = (words[: unit.start()], unit[1]) if unit else (words, "")
-    return found
 
 
 def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option:
@@ -251,7 +246,7 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
         else:
             kind = list[_kind(inner)]  # type: ignore[misc]
             default = None
-            convert = _as_tuple
+            convert = lambda values: tuple(values or ())
     elif kind is float and has_units(unit):
         settings["parser"] = quantity(unit)
         if unit == "s" and default is not None and default % 60.0 == 0.0 < default:
@@ -269,7 +264,3 @@ def _kind(hint: Any) -> Any:
     """
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     return Path if Path in kinds else kinds[0]
-
-
-def _as_tuple(values: list[Any] | None) -> tuple[Any, ...]:
-    return tuple(values or ())

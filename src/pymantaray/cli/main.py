@@ -11,9 +11,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pymantaray.apps import commands, summaries
-from pymantaray.cli.arguments import in_options
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
+from pymantaray.cli.printing import in_options
 from pymantaray.cli.stopping import answered_stops
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import printable, without_secrets

@@ -1,4 +1,7 @@
-"""Options that several commands share."""
+"""
+Options that several commands share, and the panels and words of their help: a command's own options
+first, then output, arrivals and water.
+"""
 
 import functools
 import inspect
@@ -7,23 +10,91 @@ from contextlib import AbstractContextManager
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import typer
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
-from pymantaray.cli.arguments import use_options_of
 from pymantaray.cli.groups import existing, number_in, quantity
-from pymantaray.cli.panels import ARRIVALS, OUTPUT, WATER, Command, Group
-from pymantaray.cli.printing import Printer, log_to_stderr, printer
+from pymantaray.cli.printing import Printer, log_to_stderr, printer, use_options_of
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
 from pymantaray.ocean.names import Equation
-from pymantaray.pages.folder import FORMATS
+from pymantaray.plotting.formats import FORMATS
 from pymantaray.quantities.units import is_like_quantity
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+OUTPUT = "Output"
+ARRIVALS = "Arrivals"
+WATER = "Water"
+_ORDER = (None, OUTPUT, ARRIVALS, WATER)  # None: a command's own options
+_LONGEST_CHOICES = 22  # characters; longer lists of words stand in the text of an option
+_WORDS = {
+    "bool": "",
+    "float": "NUMBER",
+    "int": "N",
+    "int range": "N",
+    "list[Path]": "FILE",
+    "list[int]": "N",
+    "list[str]": "NAME",
+    "path": "FILE",
+    "str": "NAME",
+}
+_VALUES = {
+    "DURATION": "DURATION is a number of seconds, or text such as '10 min' or '13 ms'.",
+    "METRES": "METRES is a number, or text such as '2 km'.",
+}
+"""Sentences for the end of the help of a command that has such values."""
+
+
+class Command(TyperCommand):
+    """Command with panels in order, and words for values."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
+        prepare_help(self, ctx)
+        super().format_help(ctx, formatter)
+
+
+class Group(TyperGroup):
+    """Group of commands, with words for values."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
+        prepare_help(self, ctx)
+        super().format_help(ctx, formatter)
+
+
+def prepare_help(command: Any, ctx: Any) -> None:
+    """Give every parameter a panel and words, in the order of the panels."""
+    parameters = command.get_params(ctx)
+    if isinstance(command, Command):
+        parameters[-1].rich_help_panel = OUTPUT  # --help
+    for parameter in parameters:
+        word = _word(parameter, ctx)
+        if isinstance(parameter, TyperArgument):  # typer writes a type in any case
+            parameter.display_type_rich = lambda **_: ""  # type: ignore[method-assign]
+        else:
+            parameter.metavar = word
+    command.params.sort(key=lambda parameter: _ORDER.index(parameter.rich_help_panel))
+    values = " ".join(str(parameter.metavar) for parameter in parameters)
+    sentences = [text for word, text in _VALUES.items() if word in values]
+    command.epilog = " ".join(sentences) or None
+
+
+def _word(parameter: Any, ctx: Any) -> str:
+    """Word for a value: that of the option, the choices, or one for the type."""
+    if parameter.metavar is not None:
+        return str(parameter.metavar)
+    if getattr(parameter, "count", False):
+        return ""
+    name = parameter.display_type(ctx).strip("<>")
+    if len(name) <= _LONGEST_CHOICES or "|" not in name:
+        return _WORDS.get(str(name), str(name))
+    words = name.split("|")
+    if any(word not in parameter.help for word in words):
+        parameter.help += f" Allowed: {', '.join(words)}."
+    return "WORD"
+
 
 _OCEAN = "--ocean"
 _BARE = {"--learn": ("causal", "smooth")}  # options whose first value may be left out
@@ -82,15 +153,6 @@ Set = Annotated[
 ]
 
 
-Fan = Annotated[
-    tuple[float, float, int] | None,
-    typer.Option(
-        metavar="FROM TO COUNT",
-        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of"
-        " eigenrays (in a plot: behind them).",
-    ),
-]
-_MAX_RAYS = 100_000  # of a fan
 RepairFreezing = Annotated[
     bool,
     typer.Option(
@@ -98,18 +160,6 @@ RepairFreezing = Annotated[
         help="Raise the salinity of casts below the freezing point to the freezing line.",
     ),
 ]
-
-
-def parse_place(option: str, text: str) -> tuple[float, float, float]:
-    """Parse north, east and depth, separated by commas, in metres or with units. [m]"""
-    try:
-        north, east, depth = (number_in(word, "m") for word in text.split(","))
-    except ValueError:
-        raise AcousticsError(
-            f"{option} is {text!r}; it must be north, east and depth in metres, separated by"
-            " commas, such as 6000,0,500"
-        ) from None
-    return north, east, depth
 
 
 def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = True) -> float:
@@ -122,18 +172,6 @@ def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = 
 
     check_number(MantaRayError, option, value, unit, positive=positive)
     return value
-
-
-def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
-    """Launch angles of a fan from degrees. [rad]"""
-    import numpy as np
-
-    if not 1 <= count <= _MAX_RAYS or not first <= last or (count > 1 and first == last):
-        raise AcousticsError(
-            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and"
-            f" COUNT 1 to {_MAX_RAYS}"
-        )
-    return np.radians(np.linspace(first, last, count))
 
 
 def changes_of(assignments: list[str] | None) -> dict[str, Any]:
@@ -457,26 +495,20 @@ class GridOptions:
             raise WaterError(
                 "--centre and --position: a profile lies at the centre; give one of them"
             )
-        time = _instant(self.time[0]) if self.time else None
-        half = (
-            None
+        return _given(
+            bathymetry=_metres_or_file("--bathymetry", self.bathymetry),
+            bathymetry_crs=self.crs,
+            currents=self.currents,
+            equation=self.equation,
+            centre=self.centre or self.position,
+            half_extent=None
             if self.half_extent is None
-            else tuple(metres_of("--half-extent", side) for side in self.half_extent)
+            else tuple(metres_of("--half-extent", side) for side in self.half_extent),
+            time=_instant(self.time[0]) if self.time else None,
+            bearing=self.bearing,
+            repair_freezing=self.repair_freezing or None,
+            names=dict(map(_named, self.name)) if self.name else None,
         )
-        names = dict(_named(text) for text in self.name or [])
-        keys = {
-            "bathymetry": _metres_or_file("--bathymetry", self.bathymetry),
-            "bathymetry_crs": self.crs,
-            "currents": self.currents,
-            "equation": self.equation,
-            "centre": self.centre or self.position,
-            "half_extent": half,
-            "time": time,
-            "bearing": self.bearing,
-            "repair_freezing": self.repair_freezing or None,
-            "names": names or None,
-        }
-        return {key: value for key, value in keys.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -540,16 +572,15 @@ class WaterOptions(GridOptions):
     @property
     def own_keys(self) -> dict[str, Any]:
         """Options of ice, rays and profiles, which an ocean on its grid does not have."""
-        keys = {
-            "ice": _metres_or_file("--ice", self.ice),
-            "ice_slope_deg": self.ice_slope,
-            "ice_length": self.ice_length,
-            "interpolation": self.interpolation,
-            "earth": self.earth,
-            "thin": self.thin,
-            "smooth": self.smooth,
-        }
-        return {key: value for key, value in keys.items() if value is not None}
+        return _given(
+            ice=_metres_or_file("--ice", self.ice),
+            ice_slope_deg=self.ice_slope,
+            ice_length=self.ice_length,
+            interpolation=self.interpolation,
+            earth=self.earth,
+            thin=self.thin,
+            smooth=self.smooth,
+        )
 
     @property
     def files(self) -> list[Path]:
@@ -576,9 +607,24 @@ def metres_of(option: str, text: str) -> float:
         raise WaterError(f"{option}: {error}") from None
 
 
-def _decibels(text: str) -> float | str:
-    """Parse a cut-off in decibels, or the word for none."""
-    return "none" if text in ("none", "off") else float(text)
+def _cutoff(text: str) -> float | str:
+    """Parse a cut-off in decibels, or a word for none."""
+    if text in ("none", "off"):
+        return "none"
+    try:
+        decibels = float(text)
+    except ValueError:
+        decibels = 0.0
+    if not decibels > 0.0:
+        raise AcousticsError(
+            f"--cutoff-db is {text}; it must be a positive number of decibels, or none"
+        )
+    return decibels
+
+
+def _given(**keys: Any) -> dict[str, Any]:
+    """Return the keys that have a value."""
+    return {key: value for key, value in keys.items() if value is not None}
 
 
 def _metres_or_file(option: str, text: str | None) -> float | str | None:
@@ -626,35 +672,23 @@ class ArrivalOptions:
         ),
     ] = None
     cutoff_db: Annotated[
-        str | None,
+        Any,
         typer.Option(
+            parser=_cutoff,
             metavar="DB|none",
             help="Eigenrays weaker than spherical spreading by more than this are discarded,"
             " except on links below 1 m. Default: 15.",
         ),
     ] = None
 
-    def __post_init__(self) -> None:
-        try:
-            cutoff = "none" if self.cutoff_db is None else _decibels(self.cutoff_db)
-        except ValueError:
-            cutoff = 0.0
-        if cutoff != "none" and not float(cutoff) > 0.0:
-            raise AcousticsError(
-                f"--cutoff-db is {self.cutoff_db}; it must be a positive number of decibels, or"
-                " none"
-            )
-
     @property
     def keys(self) -> dict[str, Any]:
         """Options of `pymantaray.open_water`."""
-        cutoff = None if self.cutoff_db is None else _decibels(self.cutoff_db)
-        keys = {
-            "max_surface_bounces": self.max_surface_bounces,
-            "max_bottom_bounces": self.max_bottom_bounces,
-            "spreading_cutoff_db": cutoff,
-        }
-        return {key: value for key, value in keys.items() if value is not None}
+        return _given(
+            max_surface_bounces=self.max_surface_bounces,
+            max_bottom_bounces=self.max_bottom_bounces,
+            spreading_cutoff_db=self.cutoff_db,
+        )
 
 
 @dataclass(frozen=True)
@@ -672,7 +706,6 @@ class SearchOptions(ArrivalOptions):
         from pymantaray.quantities.checks import check_number
 
         check_number(AcousticsError, "--tolerance", self.tolerance, "m", positive=True)
-        super().__post_init__()
 
 
 @dataclass(frozen=True)

@@ -1,27 +1,49 @@
-"""Output of a command, as text for people or as one JSON object for scripts, and its log level."""
+"""
+Output of a command: text and tables for a terminal, or one JSON object for scripts, and its log
+level. Messages name options instead of arguments of the library.
+"""
 
+import inspect
 import json
 import logging
+import re
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
+from typer.models import OptionInfo
 
-from pymantaray.cli.arguments import in_options
-from pymantaray.cli.text_tables import print_table
 from pymantaray.installation import peak_memory_mib
 from pymantaray.messages import printable, without_secrets
 
 if TYPE_CHECKING:
-    from pymantaray.records.result_table import ResultTable
+    from pymantaray.records.result_table import Head, ResultTable
 
 LOG = logging.getLogger("pymantaray.cli")
 _PREFIX = {"WARNING": "warning: ", "ERROR": "error: "}
 Form = Literal["text", "latex", "csv", "json"]
+_NAME = 30  # characters of a row's name, or of a word, that a table shows in one line
+_GAP = 3  # characters between columns, and at both ends of a line
+_EDGE = 2
+_BREAK = re.compile(r"(?<=\s)|(?<=[._])(?=[A-Za-z])")  # in a heading
+_ARGUMENT = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
+_PARAMETERS = {
+    "drift_sigma": "clock_drift_sigma",
+    "ice_slope_deg": "ice_slope",
+    "names": "name",
+    "offset_sigma": "clock_offset_sigma",
+    "overwrite": "force",
+    "place": "position",
+    "thin_profile": "thin",
+    "tolerance": "error",
+    "total_s": "time_limit",
+}
+"""Parameters of commands for arguments with another name."""
+_flags = dict[str, str]()
 
 
 class Printer:
@@ -63,6 +85,14 @@ class Printer:
         elif not self._quiet:
             print_table(table.short())
         self.add(**{table.name: table.frame})
+
+    def frame(self, name: str, rows: Any, caption: str = "", **options: Any) -> None:
+        """Print a data frame, or a list of rows, as `table` does with a table."""
+        from pandas import DataFrame
+
+        from pymantaray.records.result_table import ResultTable
+
+        self.table(ResultTable(name, DataFrame(rows), caption, **options))
 
     def warn(self, lines: list[str]) -> None:
         """Log warnings, and add them to JSON."""
@@ -180,3 +210,114 @@ class _Formatter(logging.Formatter):
             return f"warning: {printable(without_secrets(in_options(text)))}"
         text = in_options(super().format(record))
         return _PREFIX.get(record.levelname, "") + printable(without_secrets(text))
+
+
+def print_table(table: "ResultTable") -> None:
+    """Print a table to standard output."""
+    from rich.console import Console
+
+    from pymantaray.records.digits import plain_signs
+
+    console = Console()
+    room = console.width - _EDGE
+    rows = [[plain_signs(text) for text in row] for row in table.rows]
+    columns = [[row[k] for row in rows] for k in range(len(table.heads))]
+    least = [
+        _least(head, cells, name=k == 0)
+        for k, (head, cells) in enumerate(zip(table.heads, columns, strict=True))
+    ]
+    for number, block in enumerate(_blocks(least, room)):
+        heads = [table.heads[k] for k in block]
+        part = [columns[k] for k in block]
+        widths = _widths([head.text for head in heads], [least[k] for k in block], room)
+        caption = "" if number else table.caption
+        from rich import box
+        from rich.markup import escape
+        from rich.table import Table
+
+        shown = Table(
+            title=escape(caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False
+        )
+        for head, width in zip(heads, widths, strict=True):
+            text = escape("\n".join(_folded(head.text, width)))
+            justify = "right" if head.numbers else "left"
+            shown.add_column(text, overflow="fold", justify=justify, min_width=width)  # type: ignore[arg-type]
+        for cells in zip(*part, strict=True):
+            shown.add_row(*map(escape, cells))
+        console.print(shown)
+
+
+def _least(head: "Head", cells: Sequence[str], *, name: bool) -> int:
+    """Smallest width of a column: numbers and short names of rows stay in one line."""
+    whole = max(map(len, cells), default=0)
+    if not (head.numbers or (name and whole <= _NAME)):
+        whole = min(max((len(word) for cell in cells for word in cell.split()), default=0), _NAME)
+    return max(whole, *(len(part.strip()) for part in _BREAK.split(head.text)))
+
+
+def _blocks(least: Sequence[int], room: int) -> list[list[int]]:
+    """Columns of each part of a table that fits the room; the first column is in all parts."""
+    blocks: list[list[int]] = [[]]
+    used = 0
+    for k, width in enumerate(least):
+        if blocks[-1] and used + _GAP + width > room and len(blocks[-1]) > min(len(blocks) - 1, 1):
+            blocks.append([0] if k > 1 else [])
+            used = least[0] if k > 1 else 0
+        used += width + (_GAP if blocks[-1] else 0)
+        blocks[-1].append(k)
+    return blocks
+
+
+def _folded(text: str, width: int) -> list[str]:
+    """Lines of a heading in a width."""
+    lines = [""]
+    for part in _BREAK.split(text):
+        if lines[-1] and len((lines[-1] + part).rstrip()) > width:
+            lines.append("")
+        lines[-1] += part
+    return [line.rstrip() for line in lines]
+
+
+def _widths(heads: Sequence[str], least: Sequence[int], room: int) -> list[int]:
+    """Widths of columns; free room goes to the headings with most lines."""
+    widths = list(least)
+    for _ in range(room - sum(widths) - _GAP * (len(widths) - 1)):
+        lines = [len(_folded(head, width)) for head, width in zip(heads, widths, strict=True)]
+        if max(lines) == 1:
+            break
+        widths[lines.index(max(lines))] += 1
+    return widths
+
+
+def use_options_of(parameters: Iterable[inspect.Parameter]) -> None:
+    """Write the options of a command with these parameters into the texts of `in_options`."""
+    _flags.clear()
+    for p in parameters:
+        for mark in getattr(p.annotation, "__metadata__", ()):
+            if isinstance(mark, OptionInfo):
+                words = (
+                    mark.default,
+                    *(mark.param_decls or ()),
+                )  # typer's first argument may be a name
+                names = [word for word in words if isinstance(word, str) and word.startswith("--")]
+                _flags[p.name] = (
+                    names[0].partition("/")[0] if names else f"--{p.name.replace('_', '-')}"
+                )
+
+
+def in_options(text: str) -> str:
+    """
+    Text with options instead of arguments: ``--centre`` for ```centre```, ``--currents rest`` for
+    ```currents='rest'```.
+
+    Names that are no arguments of the running command stay as they are.
+    """
+    return _ARGUMENT.sub(_option, text)
+
+
+def _option(match: "re.Match[str]") -> str:
+    name, value = match.groups()
+    flag = _flags.get(name) or _flags.get(_PARAMETERS.get(name, ""))
+    if flag is None:
+        return match[0]
+    return flag if value in (None, "True") else f"{flag} " + value.strip("'\"")

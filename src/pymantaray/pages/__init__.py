@@ -1,1 +1,1 @@
-"""Pages and figures: style, layout, files; a library that applications import."""
+"""Pages of results as HTML: layout, interactive plots, files."""

@@ -3,17 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from pymantaray.plotting.formats import FIGURES
+
 PAGE = "index.html"
 TABLES = "tables"
-FIGURES = "figures"
 PARTS = (TABLES, FIGURES, PAGE)
-FIGURE_KINDS = ("png", "pdf", "svg")
-ONE_COLUMN = "84mm"
-FORMATS = (*FIGURE_KINDS, "tex", ONE_COLUMN)
-"""
-Formats for a paper, of figures and of tables; `ONE_COLUMN`: PDF of the figures that are too wide or
-too dense for one column, laid out for its width.
-"""
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:

@@ -1,27 +1,34 @@
 """
-Content of a page, in one record for all kinds of results, its layout by one template, and its
-files.
+Content of a page, in one record for all kinds of results, its layout by one template, its data for
+scripts, and its files in a folder.
 """
 
 import gzip
+import json
 import re
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from importlib.resources import files
 from os.path import relpath
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+import numpy as np
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from plotly.offline import get_plotlyjs
 
-from pymantaray.pages.drawing import Picture
-from pymantaray.pages.folder import FIGURES, PAGE, TABLES
+from pymantaray.jobs.folder import staged_folder, write_json
+from pymantaray.jobs.progress import Progress
+from pymantaray.pages.folder import PAGE, TABLES, write_files
+from pymantaray.plotting import style
+from pymantaray.plotting.drawing import FigureSpec, Picture, draw
+from pymantaray.plotting.formats import FIGURES, checked_formats
 from pymantaray.records import whole_file
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, heading
 
 _MAX_ROWS = 500  # of a table on a page
 # folders of an absolute path, in quotes if they contain spaces; not of an address, which has ://
@@ -30,7 +37,9 @@ _FOLDERS = re.compile(
     rf"(?<![\w/\\.:~])(?:(?P<quote>['\"]){_ROOT}(?:[^'\"/\\]+[/\\])*(?=[^'\"]*(?P=quote))"
     rf"|{_ROOT}(?:[^\s'\",;/\\]+[/\\])*(?=[^\s'\",;/\\]))"
 )
+_NOT_FINITE = re.compile("NaN|-?Infinity")
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")
+_ROWS = 20_000  # rows in the plot, at equal spacing in the table
 
 
 class Card(NamedTuple):
@@ -43,8 +52,8 @@ class Card(NamedTuple):
 
 class Explorer(NamedTuple):
     """
-    An interactive part of a page: its kind, which names its template and its script, and its data
-    as JSON.
+    An interactive part of a page: its kind, which names its template and its script, after the name
+    of another package and ``/`` if that has them in its ``templates``, and its data as JSON.
     """
 
     kind: str
@@ -132,9 +141,8 @@ class Page:
 @cache
 def page_template() -> Template:
     """Compiled template of all pages."""
-    loader = PackageLoader("pymantaray.pages", "templates")
     environment = Environment(
-        loader=loader,
+        loader=FunctionLoader(_template_source),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -143,21 +151,27 @@ def page_template() -> Template:
     environment.filters["base64"] = lambda content: b64encode(content).decode()
     environment.filters["packed"] = packed
     environment.filters["public"] = without_folders
-    environment.filters["unbroken"] = _unbroken
+    # numbers stay in one line with their units and standard errors
+    environment.filters["unbroken"] = lambda text: _NUMBER_AND_UNIT.sub("\u00a0", text)
     environment.filters["shown"] = lambda table: table.first(_MAX_ROWS).without_empty_columns()
     environment.globals["plotly"] = get_plotlyjs
     return environment.get_template("page.html")
+
+
+def _template_source(name: str) -> str | None:
+    """
+    Text of a template of this package, or of another one, whose name and ``/`` are before it; None
+    if there is none.
+    """
+    package, _, file = name.rpartition("/")
+    source = files(package or "pymantaray.pages") / "templates" / file
+    return source.read_text(encoding="utf-8") if source.is_file() else None
 
 
 @lru_cache(maxsize=2)  # of a page, and plotly, which all pages share
 def packed(text: str) -> str:
     """Text as the script of a page reads it, compressed."""
     return b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
-
-
-def _unbroken(text: str) -> str:
-    """Text whose numbers stay in one line with their units and standard errors."""
-    return _NUMBER_AND_UNIT.sub("\u00a0", text)
 
 
 def origin_table(record: Any, caption: str, file: str) -> ResultTable:
@@ -190,3 +204,105 @@ def without_folders(text: str) -> str:
     Addresses and relative paths do not change.
     """
     return _FOLDERS.sub(lambda match: match["quote"] or "", text)
+
+
+def as_json(content: Any) -> str:
+    """JSON that is safe inside a script of a page; numbers that are not finite become null."""
+    return _json(content).replace("<", "\\u003c")
+
+
+def _json(value: Any) -> str:
+    """JSON of nested values and arrays; whole numbers have no decimals."""
+    if isinstance(value, dict):
+        return f"{{{','.join(f'{_json(key)}:{_json(item)}' for key, item in value.items())}}}"
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_json, value))}]"
+    if not isinstance(value, np.ndarray | np.generic | float):
+        return json.dumps(value)
+    array = np.asarray(value)
+    if array.dtype.kind != "f":
+        return json.dumps(array.tolist(), separators=(",", ":"))
+    text = json.dumps((array + 0.0).tolist(), separators=(",", ":"))  # without negative zeros
+    text = text.replace(".0,", ",").replace(".0]", "]").removesuffix(".0")
+    return text if np.isfinite(array).all() else _NOT_FINITE.sub("null", text)
+
+
+def write_page(
+    out: str | Path | None,
+    name: str,
+    specs: Sequence[FigureSpec],
+    page_of: Callable[[Sequence[Picture], dict[str, Any]], Page],
+    record: dict[str, Any],
+    formats: Sequence[str],
+    progress: Progress | None,
+    others: Callable[[Path], object] = lambda _: None,
+) -> Path:
+    """
+    Draw figures, and write them with their page and its tables into a new folder; return the page.
+
+    A record of the origin becomes ``NAME.json``; ``others`` writes more files into a folder.
+    """
+    checked_formats(formats)
+    with staged_folder(out, name, latest=False) as (stage, folder):
+        pictures = draw(specs, formats=formats, progress=progress)
+        write_files(stage, page_of(pictures, record).linked_from(folder).files(formats))
+        others(stage)
+        if record:
+            write_json(record, stage / f"{name}.json")
+    return folder / PAGE
+
+
+def table_explorer(
+    table: pd.DataFrame,
+    up: Sequence[str],
+    across: Sequence[str],
+    each: Sequence[str],
+    *,
+    labels: Callable[[str], str] = heading,
+    lines: bool = True,
+) -> Explorer | None:
+    """
+    Interactive plot of a table; None if the table has no numbers for it.
+
+    ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and
+    ``each`` columns that can divide the rows into series; the first of ``each`` is the initial
+    choice. ``labels`` gives the heading of a column.
+    """
+    up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
+    if not len(table) or not up or not across:
+        return None
+    if len(table) > _ROWS:
+        table = table.iloc[np.unique(np.linspace(0, len(table) - 1, _ROWS).round().astype(int))]
+    names = list(dict.fromkeys([*up, *across, *each]))
+    content = as_json(
+        {
+            "columns": {name: _values(table[name], number=name in up) for name in names},
+            "labels": {name: labels(name) for name in names},
+            "up": up,
+            "across": list(across),
+            "each": list(each),
+            "first": each[0] if each else "",
+            "lines": lines,
+            "colours": style.vehicle_colours(11),
+            "own": _condition_colours(table),
+        }
+    )
+    return Explorer("table", content)
+
+
+def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
+    """Colour of each condition, as on all figures."""
+    if "condition" not in table:
+        return {}
+    return {
+        name: colour
+        for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
+    }
+
+
+def _values(column: "pd.Series[Any]", *, number: bool) -> list[object]:
+    """Numbers with six digits, other values as text."""
+    values = pd.to_numeric(column, errors="coerce")
+    if number or values.notna().all():
+        return [float(f"{value:.6g}") for value in values]
+    return ["" if value is None else str(value) for value in column]

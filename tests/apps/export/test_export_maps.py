@@ -16,13 +16,12 @@ from scipy.io import loadmat
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.atlas.dataset import FORMAT, VARIABLES, safety_table
 from pymantaray.apps.export import export_run
-from pymantaray.apps.export.map_files import run_features
-from pymantaray.apps.export.run_files import record
+from pymantaray.apps.export.run_files import record, run_features
 from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyError, WriteError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.vtk import write_fleet, write_ranges
-from pymantaray.pages.style import GREY
+from pymantaray.plotting.style import GREY
 from pymantaray.records import RayStatus, VehicleStatus
 
 shapely = pytest.importorskip("shapely")

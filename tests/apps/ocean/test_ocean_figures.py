@@ -19,7 +19,7 @@ from pymantaray.apps.ocean.figures import (
 from pymantaray.errors import ReportError, WriteError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.pages import style
+from pymantaray.plotting import style
 
 HEADER = "Test Sea, synthetic ocean"
 LABELS = r"texts\[\]\.\[[12]|\.faces|collections\[1\]\.paths"

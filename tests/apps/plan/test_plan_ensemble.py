@@ -7,8 +7,8 @@ from refusals import refused
 
 from pymantaray.apps.plan import DeploymentPlan, search_designs
 from pymantaray.apps.plan.definition import PlanSection
-from pymantaray.apps.plan.ensemble import worst_score
 from pymantaray.apps.plan.evaluate import DesignEvaluator
+from pymantaray.apps.plan.results import worst_score
 from pymantaray.apps.plan.waters import Missions
 from pymantaray.config import parse_study
 from pymantaray.config.door.beliefs import Beliefs

@@ -7,8 +7,8 @@ from scipy.stats import chi, kendalltau
 
 from pymantaray.apps.plan import DeploymentPlan, search_designs
 from pymantaray.apps.plan.definition import PlanSection
-from pymantaray.apps.plan.ensemble import mean_score, pareto_front, worst_score
 from pymantaray.apps.plan.evaluate import DesignEvaluator, Scores, error_quantile
+from pymantaray.apps.plan.results import mean_score, pareto_front, worst_score
 from pymantaray.apps.study import run_study
 from pymantaray.config import load_study, parse_study
 from pymantaray.records import RayStatus, VehicleStatus

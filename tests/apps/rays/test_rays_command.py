@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, thin_profile, trace_paths
+from pymantaray.apps.rays.command import parse_place
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
@@ -540,7 +541,7 @@ def test_every_option_reaches_the_search(reached, folder, command):
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_every_option_reaches_the_bar_of_many_links(reached, folder, monkeypatch, quiet):
-    monkeypatch.setattr("pymantaray.apps.rays.command._MIN_LINKS_FOR_BAR", 4)
+    monkeypatch.setattr("pymantaray.apps.rays.tables._MIN_LINKS_FOR_BAR", 4)
     words = ("rays", "eigen", "links.csv", "out.csv", *BENT.split(), *quiet)
     reached("pymantaray.acoustics.find_eigenrays", *words, without=rf"{SAME}|^[12]$")
 
@@ -634,3 +635,7 @@ def test_every_option_reaches_the_check_of_the_output(mantaray, folder, checked_
     for (arguments, options), force in zip(checked_outputs, (False, True), strict=True):
         assert arguments == (Path(out), endings)
         assert options == {"inputs": [*map(Path, inputs)], "force": force, **beside}
+
+
+def test_a_place_has_numbers_in_metres_or_with_units():
+    assert parse_place("--source", "6 km,0,4000") == (6000.0, 0.0, 4000.0)

@@ -19,7 +19,7 @@ from pymantaray.apps.study.comparison_page import (
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.config import load_study
 from pymantaray.errors import JobError, ReportError
-from pymantaray.pages import writing as write_module
+from pymantaray.plotting import drawing as write_module
 
 
 @pytest.fixture(scope="module")

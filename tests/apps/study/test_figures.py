@@ -19,8 +19,11 @@ from pymantaray.apps.rays import write_ray_plot
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.comparison_page import comparison_figure_specs
 from pymantaray.apps.study.figures import register as figures
-from pymantaray.apps.study.figures.consistency import consistency_over_time
-from pymantaray.apps.study.figures.estimators import error_and_consistency
+from pymantaray.apps.study.figures.estimators import (
+    consistency_over_time,
+    error_and_consistency,
+    unknowns_before_and_after,
+)
 from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
 from pymantaray.apps.study.figures.ranging import (
     dropout_map,
@@ -29,11 +32,10 @@ from pymantaray.apps.study.figures.ranging import (
 )
 from pymantaray.apps.study.figures.register import RunResults, register, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
-from pymantaray.apps.study.figures.unknowns import unknowns_before_and_after
 from pymantaray.errors import ReportError
 from pymantaray.ocean import synthetic_ocean
-from pymantaray.pages import style
-from pymantaray.pages.water import ray_picture, rays_of_links, sound_speed_profiles
+from pymantaray.plotting import style
+from pymantaray.plotting.water import ray_picture, rays_of_links, sound_speed_profiles
 from pymantaray.records import RayStatus
 
 HEADER = "Test Sea, synthetic ocean"

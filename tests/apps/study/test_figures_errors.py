@@ -21,7 +21,7 @@ from pymantaray.apps.study.figures.trajectory import (
     pooled_ape,
 )
 from pymantaray.evaluation import range_errors
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records import RayStatus
 
 HEADER = "Test Sea, synthetic ocean"

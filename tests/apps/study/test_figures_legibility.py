@@ -13,12 +13,11 @@ from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
 from pymantaray.apps.replay import page as replay_page
-from pymantaray.apps.study import report as write
 from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import error_over_time
 from pymantaray.apps.study.page import run_page
-from pymantaray.pages import style
+from pymantaray.plotting import drawing as write, style
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 

@@ -10,9 +10,11 @@ import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 
-from pymantaray.apps.study.figures.consistency import consistency_over_time
-from pymantaray.apps.study.figures.estimators import error_and_consistency
-from pymantaray.apps.study.figures.unknowns import unknowns_before_and_after
+from pymantaray.apps.study.figures.estimators import (
+    consistency_over_time,
+    error_and_consistency,
+    unknowns_before_and_after,
+)
 
 HEADER = "Test Sea, synthetic ocean"
 

@@ -34,7 +34,7 @@ from pymantaray.config import parse_study
 from pymantaray.config.door.study import build_study
 from pymantaray.config.text import commented_toml, study_toml
 from pymantaray.errors import ExtensionError, MantaRayError, StudyError
-from pymantaray.pages.writing import draw
+from pymantaray.plotting.drawing import draw
 from pymantaray.sensing import NoiseModel
 from pymantaray.sensing.other_packages import other_sensors
 from pymantaray.sensing.sensor import Scene
@@ -288,17 +288,17 @@ def test_a_figure_of_the_mission_that_fails_is_reported_at_the_end(
     install(FIGURE + source, group="figures")
     specs = run_figure_specs
     monkeypatch.setattr(
-        report, "run_figure_specs", lambda r, **of: [s for s in specs(r, **of) if s.name == "a"]
+        figures, "run_figure_specs", lambda r, **of: [s for s in specs(r, **of) if s.name == "a"]
     )
     folder = made_run(realizations=1).write(tmp_path / "run")
-    maker = report.ReportMaker(formats=())
-    for _ in maker.prepare(folder):
+    maker = report.StudyReport(formats=())
+    for _ in maker.begin(folder):
         pass
     assert [*maker._tables] == ["bound"]
-    made = maker.make_of(open_run(folder.rename(tmp_path / "finished")))
-    (line,) = made.failures
+    run = open_run(folder.rename(tmp_path / "finished"))
+    (line,) = maker.write(run)
     assert "figure 'a': ZeroDivisionError" in line
-    assert b"A figure is missing: package " in made.files["index.html"]
+    assert "A figure is missing: package " in (run.path / "index.html").read_text()
 
 
 def drawn_of(results):
@@ -466,7 +466,7 @@ def test_no_module_that_shows_results_is_loaded_by_a_run(ocean_file, tmp_path):
     shows = set()
     for file in package.rglob("*.py"):
         module = file.relative_to(package)
-        if installation.shows_results(module, file.read_bytes()):
+        if installation.shows_results(module):
             shows.add(".".join(["pymantaray", *module.with_suffix("").parts]))
     paths = os.pathsep.join([SOURCES, str(ROOT / "tests")])
     done = python(RUN, ocean_file, environment={"PYTHONPATH": paths}, cwd=tmp_path)

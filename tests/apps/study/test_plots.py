@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.acoustics import Medium, RayPaths
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.figures.vehicles import draw_vehicle_errors
+from pymantaray.apps.study.figures.trajectory import draw_vehicle_errors
 
 
 @pytest.fixture(autouse=True)

@@ -22,18 +22,19 @@ import xarray as xr
 from matplotlib.figure import Figure
 from refusals import refused
 
-from pymantaray.apps.study import open_run, report, write_report
-from pymantaray.apps.study.explore import _first_vehicle, _fleet
+from pymantaray.apps.study import open_run, write_report
+from pymantaray.apps.study.figures import register
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.page import citation_of, headlines, run_page
-from pymantaray.apps.study.study_report import StudyReport
+from pymantaray.apps.study.page import _first_vehicle, _fleet, citation_of, headlines, run_page
+from pymantaray.apps.study.report import StudyReport
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
-from pymantaray.pages import page as page_module, writing as write
-from pymantaray.pages.style import rendered
+from pymantaray.pages import page as page_module
+from pymantaray.plotting import drawing as write
+from pymantaray.plotting.style import rendered
 from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {
@@ -77,7 +78,7 @@ def without_drawing(monkeypatch):
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     specs = run_figure_specs
     monkeypatch.setattr(
-        report,
+        register,
         "run_figure_specs",
         lambda r, **of: [replace(spec, draw=Figure) for spec in specs(r, **of)],
     )

@@ -5,8 +5,8 @@ import json
 import pandas as pd
 
 from pymantaray.apps.ranges import measure
-from pymantaray.apps.study.explore import mission_rays
 from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.apps.study.page import mission_rays
 
 
 def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path, as_stored):

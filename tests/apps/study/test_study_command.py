@@ -206,7 +206,7 @@ def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, mo
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.apps.study.study_report.write_files", interrupt)
+        patch.setattr("pymantaray.apps.study.report.write_files", interrupt)
         patch.setattr(
             Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages})
         )
@@ -545,7 +545,7 @@ class NoReport:
 def unreported(monkeypatch):
     """Studies whose report is not made."""
     kind = type("NoReport", (NoReport,), {})
-    monkeypatch.setattr("pymantaray.apps.study.study_report.StudyReport", kind)
+    monkeypatch.setattr("pymantaray.apps.study.report.StudyReport", kind)
     return kind
 
 

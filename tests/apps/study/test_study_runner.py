@@ -21,8 +21,8 @@ from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, estimator_notes
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.realization import SolverInputs, start_solver
+from pymantaray.apps.study.runner import worker_count
 from pymantaray.apps.study.store import Run, run_in_memory, summarize
-from pymantaray.apps.study.workers import worker_count
 from pymantaray.config import parse_study
 from pymantaray.config.door.estimators import EstimatorFactory
 from pymantaray.config.door.study import build_study

@@ -20,8 +20,8 @@ from pymantaray.acoustics.ocean_fields import (
     medium_around,
 )
 from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.explore import PageLinks, mission_rays
 from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.apps.study.page import PageLinks, mission_rays
 from pymantaray.config.door.estimators import EstimatorFactory
 from pymantaray.config.door.fleet import build_vehicles
 from pymantaray.config.door.ocean import mission_start

@@ -150,7 +150,7 @@ def test_every_option_reaches_what_is_shown(
     found = set(points[:done]), {points[2]}
     asked = []
     monkeypatch.setattr(
-        f"{COMMAND}.points.finished", lambda store, of: asked.append((store, {*of})) or found
+        f"{COMMAND}.keys.finished", lambda store, of: asked.append((store, {*of})) or found
     )
     monkeypatch.setattr(f"{COMMAND}.open_sweep", lambda where: SimpleNamespace(contents=[where]))
     monkeypatch.setattr(

@@ -151,9 +151,9 @@ def test_packages_that_compute_are_in_the_key():
     package = Path(pymantaray.__file__).parent
     imported = set()
     for file in package.rglob("*.py"):
-        source = file.read_bytes()
-        if not shows_results(file.relative_to(package), source):
-            lines = re.findall(r"^ *(?:from|import) (\w+)", source.decode(), re.MULTILINE)
+        if not shows_results(file.relative_to(package)):
+            source = file.read_text(encoding="utf-8")
+            lines = re.findall(r"^ *(?:from|import) (\w+)", source, re.MULTILINE)
             imported |= {name for name in lines if not is_own(name)}
     assert imported - READERS.keys() == set(PACKAGES)
 
@@ -184,6 +184,7 @@ def test_sources_that_compute_change_the_code_version(tmp_path, monkeypatch):
     assert code_version.__wrapped__() == code_version()  # a copy is the same code
     changed = (
         ("pages/page.py", True),
+        ("plotting/style.py", True),
         ("cli/main.py", True),
         ("apps/study/figures/fleet.py", True),
         ("apps/study/page.py", True),

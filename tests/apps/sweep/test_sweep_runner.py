@@ -16,10 +16,9 @@ import xarray as xr
 from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.sweep import Sweep, run_sweep, stages, tasks
 from pymantaray.apps.sweep.estimate import cost_of, estimate, known_cost
-from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_name
 from pymantaray.apps.sweep.page import write_sweep_page
 from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
-from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
 from pymantaray.config import parse_study
 from pymantaray.config.door.ocean import MissionOcean

@@ -13,9 +13,8 @@ from dask_cluster import client_here
 from refusals import refused
 
 from pymantaray.apps.sweep import open_sweep, run_sweep, stages
-from pymantaray.apps.sweep.keys import STAGES
+from pymantaray.apps.sweep.keys import STAGES, finished, point_content, point_name, stage_name
 from pymantaray.apps.sweep.plan import SweepPlan
-from pymantaray.apps.sweep.points import finished, point_content, point_name, stage_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config.door.study import build_study
 from pymantaray.errors import JobError, SweepError

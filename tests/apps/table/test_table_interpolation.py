@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from numpy.polynomial.polynomial import polyder, polyval3d
 
-from pymantaray.apps.table.interpolation import interpolate
+from pymantaray.apps.table.cells import interpolate
 
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
 

@@ -12,7 +12,7 @@ from pymantaray import Water
 from pymantaray.acoustics import choose_arrivals, find_eigenrays
 from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, open_table, save_table
 from pymantaray.apps.table.build import Box, build_tree
-from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
+from pymantaray.apps.table.cells import REFERENCE_SLOWNESS
 from pymantaray.apps.table.samples import NO_ARRIVAL, Radial, Samples
 from pymantaray.errors import OnlineError
 

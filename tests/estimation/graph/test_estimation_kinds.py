@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from pymantaray.apps.graphs.certificate import certify
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem
 from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
+from pymantaray.apps.graphs.staircase import certify
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, covariances_at
 from pymantaray.estimation.graph.graph import KINDS, POSITION, FactorGraph, check_kinds

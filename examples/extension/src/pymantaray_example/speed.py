@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.apps.study.figures.register import register
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records import Trajectories
 
 

@@ -18,7 +18,7 @@ from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.window import Window, rectangle
-from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
+from pymantaray.records import RangingTruth, RayStatus
 
 SPLINE = 8  # grid points beyond the domain for interpolation
 WATER, LAND, EDGE = 0, 1, 2
@@ -92,55 +92,43 @@ def column_errors(
         arrivals = find_eigenrays(medium, transmitter, receiver, *most, **options)
     distance = medium.straight_distance(transmitter, receiver)
     each = np.tile([distance, direct.travel_time, direct.chord_travel_time], len(CONVENTIONS))
-    speed = np.concatenate(_speeds(direct, distance, links.nominal_sound_speed))
+    measured = TransmitterSpeed()
+    at_transmitter = measured.speed(direct.source_sound_speed)
+    at_receiver = measured.speed(direct.receiver_sound_speed)
+    speed = np.concatenate(
+        [
+            at_transmitter,
+            at_receiver,
+            0.5 * (at_transmitter + at_receiver),
+            distance / direct.chord_travel_time,
+            ConstantSpeed(links.nominal_sound_speed).speed(distance),
+        ]
+    )
     errors = range_errors(RangingTruth(each[0], speed, each[1], each[2]))
     total, reference, bending = (
         part.reshape(len(CONVENTIONS), *links.shape)
         for part in (errors.total, errors.reference_speed, errors.bending)
     )
     status = direct.status.reshape(links.shape)
+    # number of each link's arrivals within a level of its strongest arrival, by spreading
+    loss = np.where(np.isnan(arrivals.spreading_db), np.inf, arrivals.spreading_db)
+    least = np.full(arrivals.status.size, np.inf)
+    np.minimum.at(least, arrivals.link, loss)
+    strong = loss <= least[arrivals.link] + links.within_db
+    in_water = (status != RayStatus.OUTSIDE).sum(axis=-1)
+    with_path = (status == RayStatus.OK).sum(axis=-1)
     return ColumnErrors(
         range_error=total,
         reference_speed_error=reference,
         bending_error=bending,
         link_status=status,
-        arrivals_within=_count_within(arrivals, links.within_db).reshape(links.shape),
-        no_direct_path=_share_without(status),
+        arrivals_within=np.bincount(arrivals.link[strong], minlength=least.size)
+        .astype(np.int16)
+        .reshape(links.shape),
+        no_direct_path=np.where(in_water > 0, 1.0 - with_path / np.maximum(in_water, 1), np.nan),
         worst_range_error=_worst(total, axis=-1),
         safe_distance=_safe_distance(total, links),
     )
-
-
-def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Array]:
-    """
-    Sound speed that converts each link's travel time to a range, for each of the `CONVENTIONS`.
-    [m/s]
-    """
-    measured = TransmitterSpeed()
-    at_transmitter = measured.speed(direct.source_sound_speed)
-    at_receiver = measured.speed(direct.receiver_sound_speed)
-    return [
-        at_transmitter,
-        at_receiver,
-        0.5 * (at_transmitter + at_receiver),
-        distance / direct.chord_travel_time,
-        ConstantSpeed(nominal).speed(distance),
-    ]
-
-
-def _count_within(arrivals: Arrivals, within_db: float) -> NDArray[np.int16]:
-    """Number of each link's arrivals within a level of its strongest arrival, by spreading."""
-    loss = np.where(np.isnan(arrivals.spreading_db), np.inf, arrivals.spreading_db)
-    least = np.full(arrivals.status.size, np.inf)
-    np.minimum.at(least, arrivals.link, loss)
-    strong = loss <= least[arrivals.link] + within_db
-    return np.bincount(arrivals.link[strong], minlength=least.size).astype(np.int16)
-
-
-def _share_without(status: NDArray[np.int8]) -> Array:
-    in_water = (status != RayStatus.OUTSIDE).sum(axis=-1)
-    with_path = (status == RayStatus.OK).sum(axis=-1)
-    return np.where(in_water > 0, 1.0 - with_path / np.maximum(in_water, 1), np.nan)
 
 
 def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:

@@ -12,6 +12,7 @@ from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.apps.ocean.command import Files
 from pymantaray.cli.groups import Fields, existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     Commands,
     Force,
     Json,
@@ -25,17 +26,13 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, counted_progress
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from pymantaray.config.door.sound import SoundOptions
-    from pymantaray.records.result_table import ResultTable
 
-SHOWS_RESULTS = True
+_SAFETY = "Maximum error of a location, and percentage of locations below each threshold"
 
 app = Commands(
     cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean."
@@ -187,7 +184,7 @@ def run(
             )
         with open_atlas(out.out) as dataset:
             printed.notes(notes_of(dataset))
-            printed.table(_safety(safety_table(dataset)))
+            printed.frame("safety", safety_table(dataset), _SAFETY)
         printed.paths(file=out.out)
 
 
@@ -200,7 +197,7 @@ def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
     with open_atlas(file) as dataset, printer(as_json=as_json, to=to) as printed:
         printed.line(dataset.attrs["title"], title=dataset.attrs["title"])
         printed.notes(notes_of(dataset))
-        printed.table(_safety(safety_table(dataset)))
+        printed.frame("safety", safety_table(dataset), _SAFETY)
 
 
 @app.command()
@@ -266,13 +263,6 @@ def plot(
         page = write_atlas_page(dataset, paths, out)
     for path in (*paths, page):
         typer.echo(str(path))
-
-
-def _safety(table: "pd.DataFrame") -> "ResultTable":
-    from pymantaray.records.result_table import ResultTable
-
-    caption = "Maximum error of a location, and percentage of locations below each threshold"
-    return ResultTable("safety", table, caption)
 
 
 COMMANDS = {"atlas": app}

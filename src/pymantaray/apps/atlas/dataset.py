@@ -304,7 +304,12 @@ def open_atlas(path: str | Path) -> xr.Dataset:
         )
     try:
         for name in dict.fromkeys((*VARIABLES, *dataset.variables)):
-            _read_once(dataset.variables[name])
+            variable = dataset.variables[name]
+            if variable.dims[:1] == _PLACE[:1]:
+                for instant in range(variable.shape[0]):
+                    _ = variable[instant].values
+            else:
+                _ = variable.values
     except Exception as error:  # noqa: BLE001  netCDF4 and xarray raise many types
         dataset.close()
         raise AtlasError(
@@ -312,15 +317,6 @@ def open_atlas(path: str | Path) -> xr.Dataset:
             " copy, or compute the atlas again"
         ) from None
     return dataset
-
-
-def _read_once(variable: xr.Variable) -> None:
-    """Read a variable, which checks the checksums of its chunks; one instant is in memory."""
-    if variable.dims[:1] == _PLACE[:1]:
-        for instant in range(variable.shape[0]):
-            _ = variable[instant].values
-    else:
-        _ = variable.values
 
 
 def notes_of(atlas: xr.Dataset) -> list[str]:

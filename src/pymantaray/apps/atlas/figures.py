@@ -30,9 +30,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages import style
-
-SHOWS_RESULTS = True
+from pymantaray.plotting import style
 
 CONVENTION_WORDS = {
     "transmitter": "speed at the transmitter",
@@ -170,7 +168,13 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
         axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], classes, cmap=ListedColormap(colours), norm=norm, **CELLS
         )
-        _hatch(axes[k], atlas, np.nan_to_num(_lost(atlas, distance)) > _LOST_SHARE)
+        # hatch the cells of some columns
+        where = np.nan_to_num(_lost(atlas, distance)) > _LOST_SHARE
+        if where.any():
+            look: dict[str, Any] = {"colors": "none", "hatches": [_LINES], "zorder": 2}
+            axes[k].contourf(
+                atlas["lon"], atlas["lat"], where.astype(float), levels=[0.5, 1.5], **look
+            )
         _finish(axes[k], atlas, (k, title), distance)
     names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
     handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
@@ -308,13 +312,6 @@ def _lost(atlas: xr.Dataset, distance: int) -> Array:
     water.
     """
     return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
-
-
-def _hatch(axes: Axes, atlas: xr.Dataset, where: Any) -> None:
-    """Hatch the cells of some columns."""
-    if where.any():
-        look: dict[str, Any] = {"colors": "none", "hatches": [_LINES], "zorder": 2}
-        axes.contourf(atlas["lon"], atlas["lat"], where.astype(float), levels=[0.5, 1.5], **look)
 
 
 def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:

@@ -12,12 +12,9 @@ from matplotlib.image import imread
 
 from pymantaray.apps.atlas.dataset import notes_of
 from pymantaray.apps.atlas.figures import CONVENTION_COLOURS, CONVENTION_WORDS
-from pymantaray.pages.drawing import Picture
-from pymantaray.pages.page import Explorer, Page
-from pymantaray.pages.script_data import as_json
+from pymantaray.pages.page import Explorer, Page, as_json
+from pymantaray.plotting.drawing import Picture
 from pymantaray.records.digits import counted
-
-SHOWS_RESULTS = True
 
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
@@ -89,7 +86,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         title=str(atlas.attrs["title"]),
         facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],
         notes=[*notes_of(atlas), *(thinned if step > 1 else [])],
-        explorer=Explorer("atlas", as_json(content)),
+        explorer=Explorer("pymantaray.apps.atlas/atlas", as_json(content)),
         pictures=[_picture(file) for file in figures if file.suffix == ".png"],
     )
     return page.write(folder)

@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from pymantaray.cli.groups import existing
-from pymantaray.cli.options import Commands
+from pymantaray.cli.options import OUTPUT, Commands
 from pymantaray.cli.output import write_new
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer, printer
 
 SHOWS_RESULTS = True

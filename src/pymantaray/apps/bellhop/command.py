@@ -11,13 +11,13 @@ from pymantaray.arrays import Array
 from pymantaray.cli.groups import Fields, with_options
 from pymantaray.cli.options import (
     LINKS,
+    OUTPUT,
     Force,
     PrintOptions,
     SourceOptions,
     WaterOptions,
     parse_duration,
 )
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 

@@ -13,8 +13,6 @@ import typer
 from pymantaray.cli.options import Json
 from pymantaray.cli.printing import Printer, printer
 
-SHOWS_RESULTS = True
-
 EXIT_FAULTS = 1
 _WIDTH = 12
 
@@ -97,12 +95,10 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
                 " use"
             ),
         ),
-    ]
-    facts += [
         (
             "packages",
             ", ".join(f"{row['name']} {row['version'] or '-'}" for row in state["packages"]),
-        )
+        ),
     ]
     for name, text in facts:
         out.line(f"{name:<{_WIDTH}} {text}")

@@ -5,11 +5,9 @@ from typing import Annotated
 
 import typer
 
-from pymantaray.cli.panels import OUTPUT
+from pymantaray.cli.options import OUTPUT
 from pymantaray.errors import StudyError
 from pymantaray.user_files import check_there
-
-SHOWS_RESULTS = True
 
 
 def export(

@@ -1,25 +1,27 @@
 """Export of a run to the formats of other programs."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
-from pymantaray.apps.export.map_files import MAPS, run_features, source_features
-from pymantaray.apps.export.run_rays import run_rays
+from pymantaray.acoustics import RayPaths, trace_paths
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
+from pymantaray.apps.study.mission import medium_of_run
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError, optional_package
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.exchange.centre import ENU, NED, centre_attributes, write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
-from pymantaray.exchange.maps import geojson, kml
+from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.recording import FleetPoses, Recording, new_file
 from pymantaray.exchange.rerun import write_rrd
@@ -27,9 +29,11 @@ from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
 from pymantaray.exchange.vtk import write_fleet, write_ranges, write_rays
 from pymantaray.jobs.folder import staged_folder
-from pymantaray.records import whole_file
+from pymantaray.plotting.style import GREY, INK, LEVELS, condition_looks
+from pymantaray.records import Arrivals, whole_file
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.status import TRUTH
+from pymantaray.sensing.ranging import link_positions
 from pymantaray.version import __version__
 
 _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
@@ -162,8 +166,11 @@ def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
     return frames
 
 
-def _cf(run: Run, realization: int, folder: Path) -> None:
-    write_cf(record(run, realization), folder)
+def _recorded(
+    write: Callable[[Recording, Path], object],
+) -> Callable[[Run, int, Path], None]:
+    """Writer of the data of one realization."""
+    return lambda run, realization, path: write(record(run, realization), path)  # type: ignore[return-value]
 
 
 def _csv(run: Run, realization: int, folder: Path) -> None:
@@ -212,14 +219,6 @@ def _check_ranges(run: Run) -> None:
         )
 
 
-def _rrd(run: Run, realization: int, file: Path) -> None:
-    write_rrd(record(run, realization), file)
-
-
-def _bag(run: Run, realization: int, folder: Path) -> None:
-    write_bag(record(run, realization), folder)
-
-
 def _mcap(run: Run, realization: int, file: Path) -> None:
     with TemporaryDirectory(dir=file.parent) as folder:
         write_bag(record(run, realization), Path(folder), mcap=True)
@@ -237,14 +236,14 @@ def _mat(run: Run, realization: int, file: Path) -> None:
     write_mat(_frames(run, realization), facts, file)
 
 
-def _kml(run: Run, realization: int, file: Path) -> None:
-    recording = record(run, realization)
-    file.write_text(kml(run_features(run, recording), recording.name), encoding="utf-8")
+def _map(to: str) -> Callable[[Run, int, Path], None]:
+    """Writer of a map in a format of `MAPS`."""
 
+    def write(run: Run, realization: int, file: Path) -> None:
+        recording = record(run, realization)
+        file.write_text(MAPS[to](run_features(run, recording), recording.name), encoding="utf-8")
 
-def _geojson(run: Run, realization: int, file: Path) -> None:
-    features = run_features(run, record(run, realization))
-    file.write_text(geojson(features), encoding="utf-8")
+    return write
 
 
 def _vtk(run: Run, realization: int, folder: Path) -> None:
@@ -257,19 +256,161 @@ def _vtk(run: Run, realization: int, folder: Path) -> None:
         write_rays(paths, run.arrivals, run.truth.time[run.links.sample], folder)
 
 
+def run_rays(run: Run) -> RayPaths | None:
+    """
+    Trace the arrivals of a run in the water at their pings; without reflections at a rough surface.
+
+    None if there are none, or if the water varies and its files are missing or have changed.
+    """
+    water = medium_of_run(run)
+    links = run.links
+    arrivals = run.arrivals
+    landmarks = run.measurements.landmark_position
+    if water is None or not arrivals.link.size:
+        return None
+    source, receiver = (
+        link_positions(run.truth, landmarks, links, end) for end in ("first", "second")
+    )
+    parts = []
+    for sample in np.unique(links.sample[arrivals.link]).tolist():
+        medium = water(float(run.truth.time[sample]))
+        chosen = np.flatnonzero(links.sample == sample)
+        rows = np.flatnonzero(links.sample[arrivals.link] == sample)
+        if medium.surface.roughness is not None:
+            rows = rows[arrivals.surface_bounces[rows] == 0]
+        # arrivals of increasing links, in rows of these links
+        own = {
+            item.name: getattr(arrivals, item.name)[
+                rows if item.metadata["dims"][0] == "arrival" else chosen
+            ]
+            for item in fields(Arrivals)
+        }
+        some = Arrivals(**own | {"link": np.searchsorted(chosen, own["link"])})
+        paths = trace_paths(medium, source[chosen], receiver[chosen], some)
+        parts.append(replace(paths, arrival=rows[paths.arrival]))
+    return RayPaths.stack(parts)
+
+
+MAPS: dict[str, Callable[[list[Feature], str], str]] = {
+    "kml": kml,
+    "geojson": lambda features, _name: geojson(features),
+}
+"""Text of features by format."""
+
+
+def run_features(run: Run, recording: Recording) -> list[Feature]:
+    """Paths of the vehicles under all conditions, and landmarks."""
+    truth = recording.truth
+    frame = truth.frame
+    if frame is None:
+        raise ExchangeError(
+            f"{run.path}: the run has no geographic position; a map needs one: give `centre` in its"
+            " study"
+        )
+    looks = condition_looks(list(recording.estimates))
+    colours = {TRUTH: INK, **{name: colour for name, (colour, _) in looks.items()}}
+    features = []
+    for p in recording.poses:
+        if not p.samples.size:
+            continue
+        time = truth.time[p.samples]
+        span = None
+        if not np.isnat(truth.start):
+            since = np.round(time[[0, -1]] * 1e3).astype("m8[ms]")
+            first, last = truth.start.astype("M8[ms]") + since
+            span = f"{first}Z", f"{last}Z"
+        latitude, longitude = frame.to_geodetic(*p.position[:, :2].T)
+        features.append(
+            Feature(
+                "LineString" if np.ptp(p.position, axis=0).any() else "Point",
+                np.column_stack([longitude, latitude, -p.position[:, 2], time]),
+                {"name": p.vehicle, "condition": p.condition},
+                p.condition,
+                colours[p.condition],
+                span,
+            )
+        )
+    for name, (north, east, down) in zip(
+        recording.measurements.landmark_name.tolist(), recording.landmarks.tolist(), strict=True
+    ):
+        latitude, longitude = frame.to_geodetic(north, east)
+        place = np.array([[longitude, latitude, -down]])
+        features.append(Feature("Point", place, {"name": name}, "landmarks", GREY))
+    return features
+
+
+def source_features(source: Path) -> tuple[list[Feature], str] | None:
+    """
+    Features and title of located nodes (``location.json`` or its folder) or of an atlas; None for
+    another source.
+    """
+    from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, read_campaign
+
+    if source.suffix == ".json" or (source / CAMPAIGN_FILE).is_file():
+        from pymantaray.apps.locate.write import campaign_features
+
+        return campaign_features(read_campaign(source)), source.name
+    if source.suffix == ".nc":
+        from pymantaray.apps.atlas import open_atlas
+
+        with open_atlas(source) as atlas:
+            return list(_atlas_features(atlas)), str(atlas.attrs["title"])
+    return None
+
+
+def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
+    """
+    Cells of the atlas in the water, with the largest errors and the mean percentages of lost paths
+    over all pairs and bearings, as in the table of the atlas; the colour is the largest error of
+    the first convention at the middle distance, relative to that of the atlas.
+    """
+    from pymantaray.apps.atlas.column import WATER as IN_WATER
+    from pymantaray.apps.atlas.dataset import largest_over_pairs, mean_lost_over_pairs
+
+    worst = largest_over_pairs(atlas).values
+    lost = mean_lost_over_pairs(atlas).values
+    safe = atlas["safe_distance"].values
+    conventions = [str(name) for name in atlas["convention"].values]
+    distances = [f"{distance:g}m" for distance in atlas["distance"].values]
+    shown = worst[..., 0, len(distances) // 2]
+    largest = np.nanmax(shown, initial=np.finfo(float).tiny)
+    lat_bounds, lon_bounds = atlas["lat_bounds"].values, atlas["lon_bounds"].values
+    for t, i, j in np.argwhere(atlas["column_status"].values == IN_WATER).tolist():
+        (south, north), (west, east) = lat_bounds[i], lon_bounds[j]
+        ring = np.array([[west, south], [east, south], [east, north], [west, north]])
+        place = f"{atlas['lat'].values[i]:.4f}, {atlas['lon'].values[j]:.4f}"
+        properties = {"name": place}
+        instant = atlas["time"].values[t]
+        if not np.isnat(instant):
+            properties["time_utc"] = f"{np.datetime_as_string(instant, unit='s')}Z"
+        for c, convention in enumerate(conventions):
+            for d, distance in enumerate(distances):
+                properties[f"worst_range_error_{convention}_{distance}_m"] = worst[t, i, j, c, d]
+            for s, limit in enumerate(atlas["safe"].values):
+                properties[f"safe_distance_{convention}_{limit:g}m_m"] = safe[t, i, j, c, s]
+        for d, distance in enumerate(distances):
+            properties[f"mean_no_direct_path_{distance}_percent"] = lost[t, i, j, d]
+        share = shown[t, i, j] / largest
+        colour = (
+            ("#" + "".join(f"{round(255 * part):02x}" for part in LEVELS(float(share))[:3]))
+            if np.isfinite(share)
+            else GREY
+        )
+        yield Feature("Polygon", ring, properties, properties.get("time_utc", "cells"), colour)
+
+
 FORMATS = {
     "tum": Format(_tum),
     "kitti": Format(_kitti, axes=NED),
-    "cf": Format(_cf),
+    "cf": Format(_recorded(write_cf)),
     "csv": Format(_csv, axes=NED),
     "parquet": Format(_parquet, axes=NED),
     "g2o": Format(_g2o, axes=NED),
     "pyfg": Format(_pyfg, axes=NED),
-    "rrd": Format(_rrd, folder=False),
+    "rrd": Format(_recorded(write_rrd), folder=False),
     "mcap": Format(_mcap, folder=False),
-    "bag": Format(_bag),
+    "bag": Format(_recorded(write_bag)),
     "vtk": Format(_vtk, axes=ENU),
-    "kml": Format(_kml, folder=False),
-    "geojson": Format(_geojson, folder=False),
+    **{to: Format(_map(to), folder=False) for to in MAPS},
     "mat": Format(_mat, folder=False),
 }

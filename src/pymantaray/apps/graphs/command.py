@@ -9,16 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from pymantaray.cli.groups import existing, with_options
-from pymantaray.cli.options import Commands, Force, Json, TableOptions
+from pymantaray.cli.options import OUTPUT, Commands, Force, Json, TableOptions
 from pymantaray.cli.output import EXIT_UNUSABLE
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.apps.graphs import GraphResult
     from pymantaray.estimation.graph.pyfg import GraphFile
-
-SHOWS_RESULTS = True
 
 app = Commands(help="Show, solve and convert factor graphs from files.")
 
@@ -224,7 +221,8 @@ def solve(
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
     with printing.printer() as printed:
-        _print_result(printed, result, errors)
+        _print_result(printed, result)
+        _print_details(printed, result, errors)
         if worst:
             _print_worst(printed, result, worst)
         if out is not None:
@@ -353,31 +351,17 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     return lines
 
 
-def _print_starts(out: Printer, result: "GraphResult") -> None:
-    """Print status and cost from each start, and a warning of a second plausible minimum."""
-    import pandas as pd
-
-    from pymantaray.records.result_table import ResultTable
-
-    if len(result.outcomes) > 1:
-        starts = pd.DataFrame(result.summary()["starts"])
-        out.table(ResultTable("starts", starts, "Solutions from each start"))
-    out.warn(result.warnings)
-    out.add(alternative_start=None if result.alternative is None else result.alternative.name)
-
-
 def _print_worst(out: Printer, result: "GraphResult", count: int) -> None:
     """Print the factors with the largest influence on a solution, by each measure."""
     from pymantaray.estimation import LOSSES
     from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
-    from pymantaray.records.result_table import ResultTable
 
     if not result.solution.usable:
         return
     influence = factor_influence(result.graph, result.values, LOSSES.get(result.estimator))
     for measure, caption in MEASURES.items():
         table = worst_factors(influence, measure, count).drop(columns="successive")
-        out.table(ResultTable(f"largest_{measure}", table, f"Factors with the largest {caption}"))
+        out.frame(f"largest_{measure}", table, f"Factors with the largest {caption}")
 
 
 def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
@@ -386,11 +370,7 @@ def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
 
     freedom = None
     s = result.solution
-    if (
-        result.truth is not None
-        and result.solution.usable
-        and result.estimator in ("batch", "incremental")
-    ):
+    if result.truth is not None and s.usable and result.estimator in ("batch", "incremental"):
         freedom = graph_degrees_of_freedom(result.graph, result.values)
     return {
         "trajectory_error": graph_errors(
@@ -400,10 +380,8 @@ def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
     }
 
 
-def _print_result(
-    out: Printer, result: "GraphResult", errors: dict[str, dict[str, dict[str, float]]]
-) -> None:
-    """Print status and costs of a solve, and trajectory errors if the truth is known."""
+def _print_result(out: Printer, result: "GraphResult") -> None:
+    """Print status and costs of a solve."""
     import numpy as np
 
     solution = result.solution
@@ -440,37 +418,45 @@ def _print_result(
             f" poses, {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
         )
     out.add(anchored=names, as_in_file=same)
-    _print_starts(out, result)
+
+
+def _print_details(
+    out: Printer, result: "GraphResult", errors: dict[str, dict[str, dict[str, float]]]
+) -> None:
+    """
+    Print the cost from each start, a warning of a second plausible minimum, the certificate and,
+    if the truth is known, trajectory errors at the start and after the solve.
+    """
+    if len(result.outcomes) > 1:
+        out.frame("starts", result.summary()["starts"], "Solutions from each start")
+    out.warn(result.warnings)
+    out.add(alternative_start=None if result.alternative is None else result.alternative.name)
     if result.certificate is not None:
         out.line(result.certificate.text, certificate=asdict(result.certificate))
-    if result.truth is not None and solution.usable:
-        _print_errors(out, errors)
-
-
-def _print_errors(out: Printer, errors: dict[str, dict[str, dict[str, float]]]) -> None:
-    """Print trajectory errors by vehicle, at the start and after the solve."""
-    import pandas as pd
-
-    from pymantaray.records.result_table import ResultTable
-
-    before = errors["trajectory_error_of_start"]
-    table = pd.DataFrame(
-        {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}
-        for name, row in errors["trajectory_error"].items()
-    )
-    brief = [
-        "vehicle",
-        "n",
-        "start_rmse_m",
-        "mean_m",
-        "rmse_m",
-        "rmse_standard_error_m",
-        "p95_m",
-        "max_m",
-    ]
-    brief = [name for name in brief if name in table]  # a robust loss has no standard errors
-    caption = "Position error by vehicle, no alignment"
-    out.table(ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"}))
+    if result.truth is not None and result.solution.usable:
+        before = errors["trajectory_error_of_start"]
+        rows = [
+            {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}
+            for name, row in errors["trajectory_error"].items()
+        ]
+        brief = [
+            "vehicle",
+            "n",
+            "start_rmse_m",
+            "mean_m",
+            "rmse_m",
+            "rmse_standard_error_m",
+            "p95_m",
+            "max_m",
+        ]
+        out.frame(
+            "trajectory_error",
+            rows,
+            "Position error by vehicle, no alignment",
+            # a robust loss has no standard errors
+            brief=[name for name in brief if any(name in row for row in rows)],
+            words={"n": "poses"},
+        )
 
 
 COMMANDS = {"graph": app}

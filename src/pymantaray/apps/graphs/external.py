@@ -9,7 +9,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.apps.graphs.certificate import Certificate, certify
 from pymantaray.apps.graphs.chordal_problem import not_quadratic
 from pymantaray.apps.graphs.diagnose import (
     check_conditioned,
@@ -24,6 +23,7 @@ from pymantaray.apps.graphs.minima import (
     plausible_alternative,
     search_minima,
 )
+from pymantaray.apps.graphs.staircase import Certificate, certify
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import (
@@ -370,7 +370,17 @@ def solve_graph(
         If the estimator or start is unknown, a part of the graph is free, or there are fewer
         measurements than unknowns; the message names a variable.
     """
-    _check_choice(estimator, start, random_starts)
+    # refuse unknown names, and random starts of a single start
+    if isinstance(estimator, str) and estimator not in METHODS:
+        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
+    if start is not None and start not in get_args(Start):
+        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    if random_starts < 0:
+        raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
+    if random_starts and start not in {None, "best"}:
+        raise EstimationError(
+            f"{random_starts} random starts with start {start!r}; use `start='best'`"
+        )
     graph, poses = anchor_graph(file, all_parts=anchor)
     if graph.degrees_of_freedom < 0:
         fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns; singular"
@@ -452,22 +462,6 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
     if wanted is False or not (wanted or small) or not result.solution.usable:
         return result
     return replace(result, certificate=certify(graph, result.values))
-
-
-def _check_choice(
-    estimator: str | EstimatorFunction, start: str | None, random_starts: int
-) -> None:
-    """Refuse unknown names, and random starts of a single start."""
-    if isinstance(estimator, str) and estimator not in METHODS:
-        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
-    if start is not None and start not in get_args(Start):
-        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
-    if random_starts < 0:
-        raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
-    if random_starts and start not in {None, "best"}:
-        raise EstimationError(
-            f"{random_starts} random starts with start {start!r}; use `start='best'`"
-        )
 
 
 def is_cheap(graph: FactorGraph) -> bool:

@@ -10,20 +10,20 @@ import typer
 from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
 from pymantaray.apps.locate.survey import PlatformError, TravelDirection
-from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import Fields, existing, quantity, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     AnySourceOptions,
     Commands,
     FolderOptions,
     Force,
+    Group,
     TableOptions,
     WaterOptions,
     format_names,
 )
 from pymantaray.cli.output import EXIT_UNUSABLE
-from pymantaray.cli.panels import OUTPUT, Group
-from pymantaray.cli.printing import LOG, Printer
+from pymantaray.cli.printing import LOG, Printer, in_options
 from pymantaray.errors import LocateError
 
 if TYPE_CHECKING:

@@ -15,10 +15,9 @@ from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.tests import HALVES
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages import style
-from pymantaray.pages.drawing import FigureSpec, Picture
-from pymantaray.pages.page import Card, Page, origin_table
-from pymantaray.pages.writing import write_page
+from pymantaray.pages.page import Card, Page, origin_table, write_page
+from pymantaray.plotting import style
+from pymantaray.plotting.drawing import FigureSpec, Picture
 from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable

@@ -19,7 +19,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.folder import write_json
 from pymantaray.jobs.keys import with_checksum
 from pymantaray.messages import one_line
-from pymantaray.pages.style import ORANGE
+from pymantaray.plotting.style import ORANGE
 from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.writing import write_netcdf
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.apps.ocean import fetch_command
-from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     Commands,
     Force,
     GridOptions,
@@ -28,8 +28,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, progress_bars
-from pymantaray.cli.panels import OUTPUT
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer, in_options, printer
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean.names import Equation
 
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
-
-SHOWS_RESULTS = True
 
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
@@ -157,7 +154,7 @@ def check(
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
-        from pymantaray.apps.study.assemble import fleet_findings
+        from pymantaray.apps.study.mission import fleet_findings
         from pymantaray.config import load_study
         from pymantaray.config.door.fleet import with_tracks
         from pymantaray.config.door.study import build_study
@@ -241,13 +238,11 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     profiles.
     """
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
-    from pymantaray.records.result_table import ResultTable
 
     own = _configured(files, water, currents="rest")
     with printer(as_json=as_json, to=to) as out:
         if own.in_metres:
-            table = own.open().region.reset_index()
-            out.table(ResultTable("region", table, by_row=True))
+            out.frame("region", own.open().region.reset_index(), by_row=True)
             return
         if own.is_profile and not own.has_sea_floor:
             out.notes(own.notes())
@@ -264,8 +259,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         out.notes(own.notes_of(ocean, floor))
         region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
-        variables = variable_table(ocean, own.equation).reset_index()
-        out.table(ResultTable("variables", variables, by_row=True))
+        out.frame("variables", variable_table(ocean, own.equation).reset_index(), by_row=True)
         levels = ocean["depth"].values
         out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
         history = str(ocean.attrs.get("history", "")).strip()
@@ -294,10 +288,7 @@ def _at_one_instant(
 
 def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
     """Print the levels of profiles, which need no sea bed here."""
-    import pandas as pd
-
     from pymantaray.ocean.schema import place_text
-    from pymantaray.records.result_table import ResultTable
 
     shown = []
     for profile in profiles:
@@ -324,14 +315,14 @@ def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
                 f"{'sea bed':<11} not part of a profile; --bathymetry gives it to commands that"
                 " need one"
             )
-            ranges = [(name, values.min(), values.max()) for name, values in columns.items()]
-            frame = pd.DataFrame(ranges, columns=["variable", "min", "max"])
-            out.table(ResultTable("variables", frame, by_row=True))
+            ranges = [
+                {"variable": name, "min": values.min(), "max": values.max()}
+                for name, values in columns.items()
+            ]
+            out.frame("variables", ranges, by_row=True)
     if len(profiles) > 1:
-        few = [
-            {name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown
-        ]
-        out.table(ResultTable("profiles", pd.DataFrame(few)))
+        few = ("profile", "time", "position", "levels")
+        out.frame("profiles", [{name: one[name] for name in few} for one in shown])
     out.add(levels=shown)
 
 
@@ -469,26 +460,23 @@ def convert_cast(
     from pymantaray.acoustics.profiles import names_of
     from pymantaray.ocean.convert import parse_instant
 
-    lat = which.lat
-    lon = which.lon
-    time = which.time
-    name = which.name
-    if (lat is None) != (lon is None):
+    if (which.lat is None) != (which.lon is None):
         raise OceanError("--lat and --lon must be used together; give both")
-    place = None if lat is None or lon is None else (lat, lon)
+    place = None if which.lat is None or which.lon is None else (which.lat, which.lon)
     profiles = read_profiles(cast, place, repair_freezing=which.repair_freezing)
     names = names_of(profiles)
-    if name is not None:
-        profiles = [p for p in profiles if p.name == name]
+    if which.name is not None:
+        profiles = [p for p in profiles if p.name == which.name]
     if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):
         cause = (
-            f"no cast {name!r}"
+            f"no cast {which.name!r}"
             if not profiles
             else f"{len(profiles)} casts, but .asvp allows only one"
         )
         raise OceanError(f"{cast}: {cause}; available: {names}; select one with --name")
-    if time is not None:
-        profiles = [p._replace(time=parse_instant(time)) for p in profiles]
+    if which.time is not None:
+        time = parse_instant(which.time)
+        profiles = [p._replace(time=time) for p in profiles]
     if thin is not None:
         profiles = [_thinned(p, thin) for p in profiles]
     if out.suffix == ".asvp":

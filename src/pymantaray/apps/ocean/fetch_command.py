@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pymantaray.cli.groups import Fields, quantities, with_options
-from pymantaray.cli.options import Commands, Force, Quiet
-from pymantaray.cli.panels import OUTPUT
+from pymantaray.cli.options import OUTPUT, Commands, Force, Quiet
 from pymantaray.cli.printing import LOG
 from pymantaray.ocean.fetch.limits import FetchLimits
 
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch import FetchResult
-
-SHOWS_RESULTS = True
 
 app = Commands(help="Download an ocean by place and time.")
 

@@ -23,10 +23,8 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
-from pymantaray.pages import style
-from pymantaray.pages.water import UPPER_DEPTH, sound_speed_profiles
-
-SHOWS_RESULTS = True
+from pymantaray.plotting import style
+from pymantaray.plotting.water import UPPER_DEPTH, sound_speed_profiles
 
 _LEVEL = 100.0  # m; of the map unless another is asked for
 LAND = "#d9d2c7"
@@ -166,8 +164,7 @@ def _map(
     axes = figure.subplots()
     mesh = draw(axes, _ARROWS[width])
     lay_out_map(axes, lat, lon, ticks=7 if wide else 4)
-    axes.set_xlabel("Longitude [°]")
-    axes.set_ylabel("Latitude [°]")
+    axes.set(xlabel="Longitude [°]", ylabel="Latitude [°]")
     axes.set_title(title, loc="left")
     bar = figure.colorbar(mesh, ax=axes, pad=0.015, aspect=24)
     finish_bar(bar, label)
@@ -188,9 +185,7 @@ def lay_out_map(axes: Axes, lat: Array, lon: Array, *, ticks: int) -> None:
     Limits, proportions, ticks and a frame of a map of these latitudes and longitudes. [degrees]
     """
     axes.grid(visible=False)
-    axes.set_aspect(_stretch(lat))
-    axes.set_xlim(lon[0], lon[-1])
-    axes.set_ylim(lat[0], lat[-1])
+    axes.set(aspect=_stretch(lat), xlim=(lon[0], lon[-1]), ylim=(lat[0], lat[-1]))
     axes.xaxis.set_major_formatter(FuncFormatter(longitude_label))
     axes.yaxis.set_major_formatter(FuncFormatter(latitude_label))
     axes.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
@@ -355,8 +350,7 @@ def _draw_section(
     mesh.set_edgecolor("face")
     mesh.set_linewidth(0.2)
     mesh.set_rasterized(True)
-    axes.set_xlim(along[0], along[-1])
-    axes.set_ylim(limit, 0.0)
+    axes.set(xlim=(along[0], along[-1]), ylim=(limit, 0.0))
     shown = np.arange(depth.size) <= np.searchsorted(depth, limit)
     ticks = MaxNLocator(7, steps=[1, 2, 2.5, 5, 10]).tick_values(*span)
     look: dict[str, Any] = {"colors": style.INK, "linewidths": 0.4}

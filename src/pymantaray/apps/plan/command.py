@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import typer
 
 from pymantaray.cli.groups import existing, with_options
-from pymantaray.cli.options import Force, ProcessOptions, Set, TableOptions, changes_of
+from pymantaray.cli.options import OUTPUT, Force, ProcessOptions, Set, TableOptions, changes_of
 from pymantaray.cli.output import check_output, counted_progress
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.errors import WriteError
 
 if TYPE_CHECKING:
     from pymantaray.apps.plan import PlanResults
-
-SHOWS_RESULTS = True
 
 
 @dataclass(frozen=True)

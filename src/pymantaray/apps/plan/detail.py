@@ -10,8 +10,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from pymantaray.apps.plan.definition import DeploymentPlan, Design
-from pymantaray.apps.plan.evaluate import Errors, detection_probability, error_quantile
-from pymantaray.apps.plan.tasks import evaluator_of
+from pymantaray.apps.plan.evaluate import (
+    Errors,
+    detection_probability,
+    error_quantile,
+    evaluator_of,
+)
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.records import Measurements, Trajectories

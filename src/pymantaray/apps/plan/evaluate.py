@@ -1,10 +1,11 @@
 """
-Evaluate one design without realizations: lost links, and the bound and the bias of positions at the
-pings.
+Evaluate one design without realizations, as a worker does: lost links, and the bound and the bias
+of positions at the pings.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from pymantaray.evaluation import error_bound
 from pymantaray.evaluation.bound import ping_samples, submerged_at
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import root_mean
+from pymantaray.installation import code_version
+from pymantaray.jobs.keys import digest
+from pymantaray.jobs.pool import one_task
 from pymantaray.records import Measurements
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.detection import mark_unheard
@@ -203,3 +207,40 @@ def detection_probability(run: Run) -> Array:
     """Probability of each range attempt to give a range."""
     arrives = np.isin(run.measurements.range_status, ARRIVES)
     return np.where(arrives, 1.0 if run.hearing is None else run.hearing.probability, 0.0)
+
+
+_latest: dict[str, DesignEvaluator] = {}
+"""Evaluator of the latest plan of this process, by the plan's key."""
+
+
+@dataclass(frozen=True)
+class DesignTask:
+    """Design to evaluate, with all data for it."""
+
+    plan: DeploymentPlan
+    plan_key: str
+    design: Design
+    version: str = field(default_factory=code_version)
+    kind: ClassVar[str] = "design"
+
+    @property
+    def key(self) -> str:
+        """Key of the design in its plan."""
+        return digest(self.kind, [self.plan_key, self.design], {})
+
+
+def evaluate_task(task: DesignTask) -> list[Scores]:
+    """
+    Scores of a design in each water; waters and links of earlier designs of the same plan are used
+    again.
+    """
+    with one_task(task.version):
+        return evaluator_of(task.plan, task.plan_key)(task.design)
+
+
+def evaluator_of(plan: DeploymentPlan, key: str) -> DesignEvaluator:
+    """Evaluator of a plan in this process."""
+    if key not in _latest:
+        _latest.clear()
+        _latest[key] = DesignEvaluator(plan)
+    return _latest[key]

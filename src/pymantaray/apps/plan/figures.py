@@ -13,13 +13,11 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.plan import PlanResults
 from pymantaray.apps.plan.detail import DesignDetail, Pair
-from pymantaray.apps.plan.ensemble import pareto_front
+from pymantaray.apps.plan.results import pareto_front
 from pymantaray.apps.study.figures.fleet import draw_depths, draw_plan
 from pymantaray.arrays import Array
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records.result_table import heading
-
-SHOWS_RESULTS = True
 
 AS_IT_IS = "Study as it is"
 _MAX_NUMBERS = 14  # participants of a matrix with a number in each cell
@@ -208,7 +206,18 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     figure = style.new_figure(style.COLUMN, 2.9, header)
     axes = figure.subplots()
     widths = np.linspace(2.7, 0.9, len(details))  # a curve does not hide another on its place
-    looks = zip(_colours(list(details)), widths, details.items(), strict=True)
+    # colours of designs: orange for the best, grey for the study as it is
+    names = list(details)
+    more = iter((style.BLUE, style.GREEN, style.PINK, style.SKY))
+    looks = zip(
+        [
+            style.ORANGE if k == 0 else style.GREY if name == AS_IT_IS else next(more)
+            for k, name in enumerate(names)
+        ],
+        widths,
+        details.items(),
+        strict=True,
+    )
     for colour, width, (name, detail) in looks:
         axes.plot(
             detail.hours,
@@ -229,19 +238,9 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
                 linewidth=0.0,
             )
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("Time [h]")
-    axes.set_ylabel("95 % position error [m]")
+    axes.set(xlabel="Time [h]", ylabel="95 % position error [m]")
     style.common_legend(figure, axes.get_legend_handles_labels()[0], **_BELOW)
     return figure
-
-
-def _colours(names: Sequence[str]) -> list[str]:
-    """Colours of designs: orange for the best, grey for the study as it is."""
-    more = iter((style.BLUE, style.GREEN, style.PINK, style.SKY))
-    return [
-        style.ORANGE if k == 0 else style.GREY if name == AS_IT_IS else next(more)
-        for k, name in enumerate(names)
-    ]
 
 
 @style.styled

@@ -12,19 +12,15 @@ import pandas as pd
 
 from pymantaray.apps.plan import PlanResults, figures
 from pymantaray.apps.plan.detail import DesignDetail, detail_of
-from pymantaray.apps.plan.ensemble import mean_score
+from pymantaray.apps.plan.results import mean_score
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
 from pymantaray.config.headings import key_heading
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages import style
-from pymantaray.pages.drawing import FigureSpec, Picture, with_source
-from pymantaray.pages.page import Card, Page, origin_table
-from pymantaray.pages.table_explorer import table_explorer
-from pymantaray.pages.writing import write_page
+from pymantaray.pages.page import Card, Page, origin_table, table_explorer, write_page
+from pymantaray.plotting import style
+from pymantaray.plotting.drawing import FigureSpec, Picture, with_source
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
-
-SHOWS_RESULTS = True
 
 _MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
@@ -111,6 +107,12 @@ def _page(
     plan = results.plan
     synthetic = any(style.is_synthetic(detail.ocean) for detail in details.values())
     failed = results.frame.loc[results.frame["status"] != "OK", "status"].value_counts()
+    table = results.table
+    near = results.frame.loc[results.near].sort_values("error_m", kind="stable")
+    objective = results.plan.section.objectives[0].replace("_", " ")
+    caption = f"Near-optimal designs: {objective} within 10 % of the best"
+    frame = figures.pair_frame(details)
+    words = {name: f"{name} [%]" for name in details}
     return Page(
         title=f"Plan of {plan.base.study.name}",
         facts=[_fact(results)],
@@ -121,10 +123,22 @@ def _page(
             *(f"{counted(count, 'design')} failed: {line}" for line, count in failed.items()),
         ],
         cards=_cards(results),
-        first_tables=[_near_table(results)],
+        first_tables=[
+            ResultTable("near_optimal", near, caption, columns=table.brief, words=table.words)
+        ],
         explorer=_explorer(results),
         pictures=pictures,
-        tables=[results.table, _pair_table(details), _time_table(details)],
+        tables=[
+            results.table,
+            ResultTable(
+                "lost_by_pair",
+                frame,
+                "Expected share of lost ranges of each pair",
+                words=words,
+                folded=True,
+            ),
+            _time_table(details),
+        ],
         origin=[origin_table(record, "Options", "plan.json")],
     )
 
@@ -165,14 +179,6 @@ def _cards(results: PlanResults) -> list[Card]:
     return cards
 
 
-def _near_table(results: PlanResults) -> ResultTable:
-    table = results.table
-    near = results.frame.loc[results.near].sort_values("error_m", kind="stable")
-    objective = results.plan.section.objectives[0].replace("_", " ")
-    caption = f"Near-optimal designs: {objective} within 10 % of the best"
-    return ResultTable("near_optimal", near, caption, columns=table.brief, words=table.words)
-
-
 def _explorer(results: PlanResults) -> Any:
     frame = results.frame
     numbers = [
@@ -195,18 +201,6 @@ def _explorer(results: PlanResults) -> Any:
         each,
         lines=len(results.plan.keys) == 1 and not results.plan.ranges,
         labels=key_heading,
-    )
-
-
-def _pair_table(details: Mapping[str, DesignDetail]) -> ResultTable:
-    frame = figures.pair_frame(details)
-    words = {name: f"{name} [%]" for name in details}
-    return ResultTable(
-        "lost_by_pair",
-        frame,
-        "Expected share of lost ranges of each pair",
-        words=words,
-        folded=True,
     )
 
 

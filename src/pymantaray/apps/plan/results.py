@@ -1,27 +1,20 @@
 """
-Results of a plan: table of designs with their front, the best design as a study file, and sentences
-with numbers.
+Results of a plan: scores over an ensemble of waters, table of designs with their Pareto front, the
+best design as a study file, and sentences with numbers.
 """
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeRange
-from pymantaray.apps.plan.ensemble import (
-    COLUMNS,
-    WORST,
-    loss_of,
-    mean_score,
-    pareto_front,
-    worst_score,
-)
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.arrays import Array
 from pymantaray.config import load_study
@@ -45,8 +38,19 @@ _WORDS = {
     "worst_lost_percent": "lost, worst tenth [%]",
     "worst_front": "front, worst tenth",
 }
+COLUMNS = {
+    "error": "error_m",
+    "lost": "lost_percent",
+    "heard_by_two": "heard_by_two_percent",
+    "cost": "cost",
+}
+"""Score of each objective."""
+LARGER_IS_BETTER = frozenset(["heard_by_two_percent"])
+WORST = 0.1
+"""Share of the waters that ``worst_score`` takes."""
 
 
+@dataclass(frozen=True, eq=False)
 class PlanResults:
     """
     Evaluated designs of a plan.
@@ -62,17 +66,10 @@ class PlanResults:
         Scores of the study as it is.
     """
 
-    def __init__(
-        self,
-        plan: DeploymentPlan,
-        designs: Sequence[Design],
-        scores: Sequence[Sequence[Scores]],
-        base: Sequence[Scores],
-    ) -> None:
-        self.plan = plan
-        self.designs = designs
-        self.scores = scores
-        self.base = base
+    plan: DeploymentPlan
+    designs: Sequence[Design]
+    scores: Sequence[Sequence[Scores]]
+    base: Sequence[Scores]
 
     def losses(self, ranked_by: str) -> Array:
         """
@@ -210,7 +207,14 @@ class PlanResults:
             if np.isfinite(now):
                 digits = ",.6g" if name == "cost" else ".3g"
                 out.append(f"{text} {now:{digits}}{unit}{_instead(now, before, unit, digits)}.")
-        return [*out, *self._of_ensemble(), *self._of_one_number(), *self._of_limits()]
+        # free numbers whose best value is a limit of their range
+        at_limits = [
+            f"The best {key} is the {'lower' if design[key] == limits.low else 'upper'} limit of"
+            " its range; a wider range may be better."
+            for key, limits in self.plan.ranges.items()
+            if isinstance(limits, FreeRange) and design[key] in (limits.low, limits.high)
+        ]
+        return [*out, *self._of_ensemble(), *self._of_one_number(), *at_limits]
 
     @property
     def _links(self) -> str:
@@ -246,16 +250,6 @@ class PlanResults:
                 f" {_shown(high)} are within 10 % of the best {objective.replace('_', ' ')}."
             )
         return [line for line in out if line]
-
-    def _of_limits(self) -> list[str]:
-        """Sentences about free numbers whose best value is a limit of their range."""
-        best = self.designs[self.best]
-        return [
-            f"The best {key} is the {'lower' if best[key] == limits.low else 'upper'} limit of its"
-            " range; a wider range may be better."
-            for key, limits in self.plan.ranges.items()
-            if isinstance(limits, FreeRange) and best[key] in (limits.low, limits.high)
-        ]
 
     def _of_ensemble(self) -> list[str]:
         """Sentence about the worst tenth of the waters."""
@@ -366,3 +360,54 @@ def _instead(now: float, before: float, unit: str, digits: str) -> str:
 
 def _shown(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, int | float) else str(value)
+
+
+def mean_score(scores: Sequence[Scores], column: str) -> float:
+    """Mean of a score over the waters; NaN if the design fails in one."""
+    return float(np.mean([getattr(one, column) for one in scores]))
+
+
+def worst_score(scores: Sequence[Scores], column: str) -> float:
+    """
+    Mean of a score over the worst tenth of the waters, at least one; NaN if the design fails in one
+    water.
+    """
+    values = np.sort([getattr(one, column) for one in scores])
+    if column not in LARGER_IS_BETTER:
+        values = values[::-1]
+    worst = values[: int(np.ceil(WORST * len(values)))]
+    return float(worst.mean()) if np.isfinite(values).all() else np.nan
+
+
+def loss_of(objective: str, scores: Sequence[Scores], ranked_by: str = "mean") -> float:
+    """Value that an objective minimizes: the mean over the waters, or that over the worst tenth."""
+    column = COLUMNS[objective]
+    value = mean_score(scores, column) if ranked_by == "mean" else worst_score(scores, column)
+    return (-1.0 if column in LARGER_IS_BETTER else 1.0) * value
+
+
+def pareto_front(losses: ArrayLike) -> NDArray[np.bool_]:
+    """
+    Mask of the designs that no other design dominates.
+
+    Parameters
+    ----------
+    losses : array_like, shape (n_designs, n_objectives)
+        Each objective is minimized. A design with NaN is not on the front.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_designs,)
+
+    Examples
+    --------
+    >>> pareto_front([[1.0, 3.0], [2.0, 2.0], [2.0, 4.0]]).tolist()
+    [True, True, False]
+    """
+    values = np.asarray(losses, dtype=float)
+    usable: NDArray[np.bool_] = np.isfinite(values).all(axis=1)
+    front: NDArray[np.bool_] = usable.copy()
+    for k in np.flatnonzero(usable):
+        no_worse = (values[usable] <= values[k]).all(axis=1)
+        front[k] = not (no_worse & (values[usable] < values[k]).any(axis=1)).any()
+    return front

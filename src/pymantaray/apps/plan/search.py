@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
-from pymantaray.apps.plan.ensemble import loss_of
-from pymantaray.apps.plan.evaluate import Scores
-from pymantaray.apps.plan.results import PlanResults
-from pymantaray.apps.plan.tasks import DesignTask, evaluate_task
+from pymantaray.apps.plan.evaluate import DesignTask, Scores, evaluate_task
+from pymantaray.apps.plan.results import PlanResults, loss_of
 from pymantaray.errors import PlanError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import Pool, Queue, run_tasks

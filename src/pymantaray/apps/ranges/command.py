@@ -21,8 +21,6 @@ from pymantaray.cli.options import (
 )
 from pymantaray.errors import SensingError
 
-SHOWS_RESULTS = True
-
 
 @dataclass(frozen=True)
 class MissionOptions:

@@ -8,10 +8,9 @@ from typing import Any
 import xarray as xr
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.manifest import Stopwatch, centre_note
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
-from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import build_study

@@ -1,47 +1,52 @@
-"""Commands of `mantaray rays`: travel times, eigenrays and paths between positions in a table."""
+"""
+Commands of `mantaray rays`: travel times, eigenrays and paths between positions in a table, and
+their figures.
+"""
 
-import math
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.apps.rays.plot_command import plot
-from pymantaray.cli.groups import quantity, with_options
+from pymantaray.cli import output
+from pymantaray.cli.groups import existing, number_in, quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
     Commands,
-    Fan,
     Force,
     PrintOptions,
+    Quiet,
     SearchOptions,
     SourceOptions,
     WaterOptions,
-    fan_angles,
 )
+from pymantaray.cli.printing import printer
+from pymantaray.cli.water import load_water, water_notes
+from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
     import numpy as np
-    import pandas as pd
-    import xarray as xr
     from numpy.typing import NDArray
 
-    from pymantaray.acoustics import Medium
-    from pymantaray.apps.rays.tables import TracedRays
-    from pymantaray.records import Arrivals
-    from pymantaray.records.text_table import TextTable
-    from pymantaray.sensing.water import Water
+    from pymantaray.geometry import LocalFrame
 
     Array = NDArray[np.float64]
 
-SHOWS_RESULTS = True
+_MAX_LINKS = 6  # per figure
 
 app = Commands(help="Compute travel times and rays between positions.")
-app.command("plot")(plot)
 
-_MIN_LINKS_FOR_BAR = 4096  # fewer links have no progress bar
+
+_MAX_RAYS = 100_000  # of a fan
+Fan = Annotated[
+    tuple[float, float, int] | None,
+    typer.Option(
+        metavar="FROM TO COUNT",
+        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of"
+        " eigenrays (in a plot: behind them).",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +71,9 @@ def times(task: TaskOptions) -> None:
     Compute the travel time of the earliest arrival of each link, or the reason for its absence.
     """
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
-    from pymantaray.apps.rays.tables import times_table
+    from pymantaray.apps.rays.tables import begin_job, times_table
 
-    job = _begin("times", task)
+    job = begin_job("times", task)
     cutoff = job.water.reception.spreading_cutoff_db
     near = None
     if cutoff is None:
@@ -87,9 +92,9 @@ def times(task: TaskOptions) -> None:
 @with_options
 def eigen(task: TaskOptions) -> None:
     """Compute every arrival of each link: time, bounces, angles, spreading and slowness."""
-    from pymantaray.apps.rays.tables import arrivals_table
+    from pymantaray.apps.rays.tables import arrivals_table, begin_job
 
-    job = _begin("eigen", task)
+    job = begin_job("eigen", task)
     arrivals = job.solve()
     result = (
         arrivals.to_dataset()
@@ -131,15 +136,14 @@ class FanOptions:
 @with_options
 def trace(task: TaskOptions, rays: FanOptions) -> None:
     """Compute the path of each eigenray, or of a fan of rays from each source, node by node."""
-    from pymantaray.apps.rays.tables import paths_dataset, paths_table
-    from pymantaray.errors import AcousticsError
+    from pymantaray.apps.rays.tables import begin_job, paths_dataset, paths_table
 
     if rays.fan is None and (rays.azimuth is not None or rays.distance is not None):
         raise AcousticsError("--azimuth and --distance need --fan FROM TO COUNT")
     if rays.fan is not None and task.search.cutoff_db is not None:
         raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
-    angles = None if rays.fan is None else fan_angles(*rays.fan)
-    job = _begin("trace", task, receivers=rays.aimed)
+    angles = None if rays.fan is None else _fan_angles(*rays.fan)
+    job = begin_job("trace", task, receivers=rays.aimed)
     found = None
     if angles is None:
         traced, found = job.trace()
@@ -154,173 +158,156 @@ def trace(task: TaskOptions, rays: FanOptions) -> None:
     job.finish(result, found, rays=traced.row.size, nodes=traced.paths.arrival.size)
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One call of a command: its checked input, computation and output."""
+@dataclass(frozen=True)
+class EndOptions:
+    """Ends of the links."""
 
-    task: TaskOptions
-    water: "Water"
-    table: "TextTable"
-    source: "Array"
-    receiver: "Array"
-    record: dict[str, Any]
+    source: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,E,D",
+            help="Position of the source: north, east and depth in metres, such as 0,0,20.",
+        ),
+    ] = None
+    receiver: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="N,E,D",
+            help="Position of the receiver. May be repeated; each has its own panel.",
+        ),
+    ] = None
+    links: Annotated[
+        Path | None,
+        typer.Option(
+            callback=existing(),
+            metavar="LINKS.csv",
+            help="Table of links, as for times, eigen and trace, instead of --source and"
+            " --receiver.",
+        ),
+    ] = None
 
-    @property
-    def medium(self) -> "Medium":
-        """Medium of the rays."""
-        return self.water.at_start[0]
 
-    @property
-    def notes(self) -> list[str]:
-        """Notes about the water for the user."""
-        from pymantaray.cli.water import water_notes
+@app.command()
+@with_options
+def plot(
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")
+    ],
+    ends: EndOptions,
+    source: SourceOptions,
+    water: WaterOptions,
+    search: SearchOptions,
+    fan: Fan = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Draw the rays of one or several links over sound speed and sea bed."""
+    from pymantaray.acoustics import ray_picture
+    from pymantaray.apps.rays import write_ray_plot
+    from pymantaray.plotting.style import ocean_header
 
-        return water_notes(self.water)
-
-    def solve(self, cutoff_db: float | None = None) -> "Arrivals":
-        """
-        Arrivals of all links, with the cut-off [dB] of the search or another one, and with currents
-        if there are any.
-        """
-        from pymantaray.acoustics import find_eigenrays
-        from pymantaray.acoustics.currents import carried
-        from pymantaray.cli.output import progress_bars
-
-        reception = self.water.reception
-        with progress_bars(
-            quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR
-        ) as report:
-            arrivals = find_eigenrays(
-                self.medium,
-                self.source,
-                self.receiver,
-                reception.max_surface_bounces,
-                reception.max_bottom_bounces,
-                reception.spreading_cutoff_db if cutoff_db is None else cutoff_db,
-                tolerance=self.task.search.tolerance,
-                progress=None
-                if report is None
-                else lambda done, total: report("links", done, total),
-            )
-        currents = self.water.at_start[1]
-        if currents is None:
-            return arrivals
-        return carried(
-            self.medium,
-            self.source,
-            self.receiver,
-            arrivals,
-            currents,
-            tolerance=self.task.search.tolerance,
-        )
-
-    def trace(self) -> "tuple[TracedRays, Arrivals]":
-        """Paths of all arrivals, and the arrivals."""
-        from pymantaray.acoustics import trace_paths
-        from pymantaray.apps.rays.tables import TracedRays, number_within
-
-        arrivals = self.solve()
-        tolerance = self.task.search.tolerance
-        paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
-        return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
-
-    def trace_fans(
-        self, angles: "Array", azimuth: float | None, distance: float | None
-    ) -> "TracedRays":
-        """
-        Fan from the source of every row, with an azimuth [degrees] and length [m], by default
-        towards the receiver.
-        """
-        import numpy as np
-
-        from pymantaray.acoustics import trace_fan
-        from pymantaray.apps.rays.tables import TracedRays, joined
-        from pymantaray.errors import AcousticsError
-
-        fans = []
-        for line, source, (north, east, _) in zip(
-            self.table.frame.index, self.source, self.receiver - self.source, strict=True
-        ):
-            try:
-                fans.append(
-                    trace_fan(
-                        self.medium,
-                        source,
-                        math.atan2(east, north) if azimuth is None else math.radians(azimuth),
-                        angles,
-                        math.hypot(north, east) if distance is None else distance,
-                        max_surface_bounces=self.water.reception.max_surface_bounces,
-                        max_bottom_bounces=self.water.reception.max_bottom_bounces,
-                        tolerance=self.task.search.tolerance,
-                    )
+    inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
+    output.check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
+    angles = () if fan is None else _fan_angles(*fan)
+    _check_ends(ends)
+    loaded = load_water(source, water, search)
+    medium, _ = loaded.at_start
+    titles = []
+    pictures = []
+    for name, start, receiver in _links(ends, loaded.frame):
+        title = f"{name}{_words(start)} to {_words(receiver)} m"
+        try:
+            pictures.append(
+                ray_picture(
+                    medium,
+                    start,
+                    receiver,
+                    fan_angles=angles,
+                    max_surface_bounces=loaded.reception.max_surface_bounces,
+                    max_bottom_bounces=loaded.reception.max_bottom_bounces,
+                    spreading_cutoff_db=loaded.reception.spreading_cutoff_db,
                 )
-            except AcousticsError as error:
-                raise AcousticsError(f"{self.table.path}, line {line}: {error}") from None
-        n = len(fans)
-        size = angles.size
-        return TracedRays(
-            joined(fans, size),
-            np.repeat(np.arange(n), size),
-            np.tile(np.arange(size), n),
-            np.tile(angles, n),
-        )
-
-    def finish(
-        self, result: "pd.DataFrame | xr.Dataset", found: "Arrivals | None", **also: int
-    ) -> None:
-        """
-        Write the result, and print the outcomes of the links, notes, and the name of the output.
-        """
-        from pymantaray.apps.rays.tables import status_words, write_result
-        from pymantaray.records.digits import counted
-
-        outcomes = Counter([] if found is None else status_words(found.status))
-        write_result(
-            result,
-            self.task.out,
-            self.record | ({} if found is None else {"outcomes": dict(outcomes)}),
-        )
-        with self.task.printing.printer() as printed:
-            counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
-            more = ", ".join(counted(count, noun.removesuffix("s")) for noun, count in also.items())
-            ends = "source" if found is None else "link"
-            notes = [*self.notes, *([] if found is None else found.incomplete_note())]
-            printed.line(
-                f"{counted(len(self.source), ends)}: {'; '.join(filter(None, (counts, more)))}",
-                **{f"{ends}s": len(self.source), "outcomes": outcomes, **also},
             )
-            printed.notes(notes)
-            printed.paths(file=self.task.out)
+        except AcousticsError as error:
+            raise AcousticsError(f"{title}: {error}") from None
+        titles.append(title)
+    write_ray_plot(
+        pictures,
+        out,
+        titles=titles,
+        header=ocean_header({} if loaded.local is None else loaded.local.attrs),
+    )
+    with printer(quiet=quiet) as printed:
+        for title, picture in zip(titles, pictures, strict=True):
+            count = int(picture["ray_arrives"].sum())
+            printed.line(
+                f"{title}: {count} ray{'' if count == 1 else 's'},"
+                f" {picture.attrs['status'].lower()}"
+            )
+        printed.notes(water_notes(loaded))
+        printed.paths(out)
 
 
-def _begin(command: str, task: TaskOptions, *, receivers: bool = True) -> Job:
-    """Read and check all input of a command before its computation."""
+def _fan_angles(first: float, last: float, count: int) -> "Array":
+    """Launch angles of a fan from degrees. [rad]"""
     import numpy as np
 
-    from pymantaray.apps.rays.tables import read_links, sidecar
-    from pymantaray.cli.output import check_output
-    from pymantaray.cli.water import load_water, search_record
-    from pymantaray.version import __version__
+    if not 1 <= count <= _MAX_RAYS or not first <= last or (count > 1 and first == last):
+        raise AcousticsError(
+            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and"
+            f" COUNT 1 to {_MAX_RAYS}"
+        )
+    return np.radians(np.linspace(first, last, count))
 
-    check_output(
-        task.out,
-        (".csv", ".nc"),
-        inputs=[task.links, *task.source.files, *task.water.files],
-        beside=[sidecar(task.out)] if task.out.suffix == ".csv" else [],
-        force=task.force,
-    )
-    content = read_links(task.links, receivers=receivers)
-    water = load_water(task.source, task.water, task.search)
-    start, *others = content.places(water.frame)
-    end = others[0] if others else np.full_like(start, np.nan)
-    record = {
-        "mantaray": __version__,
-        "command": command,
-        "links": str(task.links),
-        "medium": water.record,
-        "search": {**search_record(water), "tolerance": task.search.tolerance},
-    }
-    return Job(task, water, content.table, start, end, record)
+
+def parse_place(option: str, text: str) -> tuple[float, float, float]:
+    """Parse north, east and depth, separated by commas, in metres or with units. [m]"""
+    try:
+        north, east, depth = (number_in(word, "m") for word in text.split(","))
+    except ValueError:
+        raise AcousticsError(
+            f"{option} is {text!r}; it must be north, east and depth in metres, separated by"
+            " commas, such as 6000,0,500"
+        ) from None
+    return north, east, depth
+
+
+def _check_ends(ends: EndOptions) -> None:
+    direct = ends.source is not None or bool(ends.receiver)
+    if direct == (ends.links is not None) or (
+        direct and (ends.source is None or not ends.receiver)
+    ):
+        raise AcousticsError("ends of the links: give either --source and --receiver, or --links")
+
+
+def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Array, Array]]":
+    """Name and ends of each link. [m]"""
+    import numpy as np
+
+    from pymantaray.apps.rays.tables import read_links
+
+    if ends.links is None:
+        source = np.array(parse_place("--source", str(ends.source)))
+        places = [np.array(parse_place("--receiver", text)) for text in ends.receiver or []]
+        links = [("", source, place) for place in places]
+        where = "--receiver"
+    else:
+        content = read_links(ends.links)
+        frame_of = content.table.frame
+        names = (
+            [f"{name}: " for name in frame_of["name"]]
+            if "name" in frame_of
+            else [""] * len(frame_of)
+        )
+        links = list(zip(names, *content.places(frame), strict=True))
+        where = str(ends.links)
+    if not 1 <= len(links) <= _MAX_LINKS:
+        raise AcousticsError(f"{where}: {len(links)} links; a figure can show 1 to {_MAX_LINKS}")
+    return links
+
+
+def _words(place: "Array") -> str:
+    return f"({', '.join(f'{value:.6g}' for value in place)})"
 
 
 COMMANDS = {"rays": app}

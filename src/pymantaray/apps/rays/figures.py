@@ -6,11 +6,9 @@ from pathlib import Path
 import xarray as xr
 
 from pymantaray.errors import ReportError
-from pymantaray.pages.style import rendered
-from pymantaray.pages.water import rays_of_links
+from pymantaray.plotting.style import rendered
+from pymantaray.plotting.water import rays_of_links
 from pymantaray.records import whole_file
-
-SHOWS_RESULTS = True
 
 
 def write_ray_plot(

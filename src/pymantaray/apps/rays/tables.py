@@ -1,28 +1,43 @@
-"""Tables of `mantaray rays`: input of links, and output of travel times, arrivals and paths."""
+"""
+Jobs of `mantaray rays`: input of links, computation, and output of travel times, arrivals and paths
+as tables.
+"""
 
 import json
+import math
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, RayPaths, choose_arrivals
+from pymantaray import acoustics
+from pymantaray.acoustics import Medium, RayPaths, choose_arrivals, currents
 from pymantaray.arrays import Array
+from pymantaray.cli import output
+from pymantaray.cli.water import load_water, search_record, water_notes
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, RayStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import csv_text
+from pymantaray.records.digits import counted
 from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.sensing.water import Water
+from pymantaray.version import __version__
+
+if TYPE_CHECKING:
+    from pymantaray.apps.rays.command import TaskOptions
 
 LOCAL, GEOGRAPHIC = (
     [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
     for axes in (("north", "east", "depth"), ("lat", "lon", "depth"))
 )
 _DIGITS = "%.12g"
+_MIN_LINKS_FOR_BAR = 4096  # fewer links have no progress bar
 _BOUNDARIES = np.array(["water", "surface", "bottom"])
 _WORDS = {int(status): status.name.lower() for status in RayStatus}
 
@@ -124,6 +139,13 @@ def times_table(
         return pd.Series(values[row], index=link, dtype=kind).reindex(range(len(links)))
 
     time = of_first(arrivals.travel_time)
+    # 1 if near the cut-off, 0 if not, empty without an arrival
+    arrives = time.notna()
+    flag = (
+        arrives.astype("Int64") * 0
+        if near_cutoff is None
+        else pd.Series(near_cutoff.astype(int), dtype="Int64")
+    )
     added = pd.DataFrame(
         {
             "status": status_words(arrivals.status),
@@ -137,21 +159,13 @@ def times_table(
             "bottom_bounces": of_first(arrivals.bottom_bounces, "Int64"),
             "launch_angle_deg": np.degrees(of_first(arrivals.launch_angle)),
             "shadow_margin_m": arrivals.shadow_margin,
-            "near_cutoff": _flag(near_cutoff, time.notna()),
+            "near_cutoff": flag.where(arrives | (flag == 1)),
             "complete": pd.Series(arrivals.complete.astype(int), dtype="Int64").where(
                 arrivals.status != RayStatus.OUTSIDE
             ),
         }
     )
     return _beside(links, added)
-
-
-def _flag(near: NDArray[np.bool_] | None, arrives: "pd.Series[bool]") -> "pd.Series[Any]":
-    """1 if near the cut-off, 0 if not, empty without an arrival."""
-    flag = (
-        arrives.astype("Int64") * 0 if near is None else pd.Series(near.astype(int), dtype="Int64")
-    )
-    return flag.where(arrives | (flag == 1))
 
 
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
@@ -228,3 +242,144 @@ def _beside(links: pd.DataFrame, added: pd.DataFrame) -> pd.DataFrame:
     first = [name for name in ("row", "arrival") if name in added.columns]
     links = links.set_axis(names, axis=1).reset_index(drop=True)
     return pd.concat([added[first], links, added.drop(columns=first)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One call of a command: its checked input, computation and output."""
+
+    task: "TaskOptions"
+    water: Water
+    table: TextTable
+    source: Array
+    receiver: Array
+    record: dict[str, Any]
+
+    @property
+    def medium(self) -> Medium:
+        """Medium of the rays."""
+        return self.water.at_start[0]
+
+    def solve(self, cutoff_db: float | None = None) -> Arrivals:
+        """
+        Arrivals of all links, with the cut-off [dB] of the search or another one, and with currents
+        if there are any.
+        """
+        reception = self.water.reception
+        with output.progress_bars(
+            quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR
+        ) as report:
+            arrivals = acoustics.find_eigenrays(
+                self.medium,
+                self.source,
+                self.receiver,
+                reception.max_surface_bounces,
+                reception.max_bottom_bounces,
+                reception.spreading_cutoff_db if cutoff_db is None else cutoff_db,
+                tolerance=self.task.search.tolerance,
+                progress=None
+                if report is None
+                else lambda done, total: report("links", done, total),
+            )
+        flow = self.water.at_start[1]
+        if flow is None:
+            return arrivals
+        return currents.carried(
+            self.medium,
+            self.source,
+            self.receiver,
+            arrivals,
+            flow,
+            tolerance=self.task.search.tolerance,
+        )
+
+    def trace(self) -> tuple[TracedRays, Arrivals]:
+        """Paths of all arrivals, and the arrivals."""
+        arrivals = self.solve()
+        tolerance = self.task.search.tolerance
+        paths = acoustics.trace_paths(
+            self.medium, self.source, self.receiver, arrivals, tolerance=tolerance
+        )
+        return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
+
+    def trace_fans(
+        self, angles: Array, azimuth: float | None, distance: float | None
+    ) -> TracedRays:
+        """
+        Fan from the source of every row, with an azimuth [degrees] and length [m], by default
+        towards the receiver.
+        """
+        fans = []
+        for line, source, (north, east, _) in zip(
+            self.table.frame.index, self.source, self.receiver - self.source, strict=True
+        ):
+            try:
+                fans.append(
+                    acoustics.trace_fan(
+                        self.medium,
+                        source,
+                        math.atan2(east, north) if azimuth is None else math.radians(azimuth),
+                        angles,
+                        math.hypot(north, east) if distance is None else distance,
+                        max_surface_bounces=self.water.reception.max_surface_bounces,
+                        max_bottom_bounces=self.water.reception.max_bottom_bounces,
+                        tolerance=self.task.search.tolerance,
+                    )
+                )
+            except AcousticsError as error:
+                raise AcousticsError(f"{self.table.path}, line {line}: {error}") from None
+        n = len(fans)
+        size = angles.size
+        return TracedRays(
+            joined(fans, size),
+            np.repeat(np.arange(n), size),
+            np.tile(np.arange(size), n),
+            np.tile(angles, n),
+        )
+
+    def finish(
+        self, result: pd.DataFrame | xr.Dataset, found: Arrivals | None, **also: int
+    ) -> None:
+        """
+        Write the result, and print the outcomes of the links, notes, and the name of the output.
+        """
+        outcomes = Counter([] if found is None else status_words(found.status))
+        write_result(
+            result,
+            self.task.out,
+            self.record | ({} if found is None else {"outcomes": dict(outcomes)}),
+        )
+        with self.task.printing.printer() as printed:
+            counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
+            more = ", ".join(counted(count, noun.removesuffix("s")) for noun, count in also.items())
+            ends = "source" if found is None else "link"
+            notes = [*water_notes(self.water), *([] if found is None else found.incomplete_note())]
+            printed.line(
+                f"{counted(len(self.source), ends)}: {'; '.join(filter(None, (counts, more)))}",
+                **{f"{ends}s": len(self.source), "outcomes": outcomes, **also},
+            )
+            printed.notes(notes)
+            printed.paths(file=self.task.out)
+
+
+def begin_job(command: str, task: "TaskOptions", *, receivers: bool = True) -> Job:
+    """Read and check all input of a command before its computation."""
+    output.check_output(
+        task.out,
+        (".csv", ".nc"),
+        inputs=[task.links, *task.source.files, *task.water.files],
+        beside=[sidecar(task.out)] if task.out.suffix == ".csv" else [],
+        force=task.force,
+    )
+    content = read_links(task.links, receivers=receivers)
+    water = load_water(task.source, task.water, task.search)
+    start, *others = content.places(water.frame)
+    end = others[0] if others else np.full_like(start, np.nan)
+    record = {
+        "mantaray": __version__,
+        "command": command,
+        "links": str(task.links),
+        "medium": water.record,
+        "search": {**search_record(water), "tolerance": task.search.tolerance},
+    }
+    return Job(task, water, content.table, start, end, record)

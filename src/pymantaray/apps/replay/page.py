@@ -11,11 +11,9 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.replay import Replay
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages import style
-from pymantaray.pages.drawing import FigureSpec, Picture
-from pymantaray.pages.page import Card, Explorer, Page, origin_table
-from pymantaray.pages.table_explorer import table_explorer
-from pymantaray.pages.writing import write_page
+from pymantaray.pages.page import Card, Explorer, Page, origin_table, table_explorer, write_page
+from pymantaray.plotting import style
+from pymantaray.plotting.drawing import FigureSpec, Picture
 from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.apps.service.ping import Ping as Ping
-    from pymantaray.apps.service.ranging_service import RangingService as RangingService
+    from pymantaray.apps.service.ranging_service import (
+        Ping as Ping,
+        RangingService as RangingService,
+    )
     from pymantaray.apps.service.server import make_server as make_server
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

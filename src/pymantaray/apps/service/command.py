@@ -15,8 +15,6 @@ from pymantaray.records.stops import handled
 if TYPE_CHECKING:
     from pymantaray.apps.service import RangingService
 
-SHOWS_RESULTS = True
-
 
 @with_options
 def serve(

@@ -7,8 +7,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
-from pymantaray.apps.service.ping import Ping
-from pymantaray.apps.service.ranging_service import RangingService
+from pymantaray.apps.service.ranging_service import Ping, RangingService
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.errors import ServiceError

@@ -11,9 +11,8 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-from pymantaray.apps.service.facts import facts as facts_of
 from pymantaray.apps.service.messages import answer_body, error_body, schema
-from pymantaray.apps.service.ranging_service import RangingService
+from pymantaray.apps.service.ranging_service import RangingService, facts as facts_of
 from pymantaray.errors import MantaRayError, ServiceError, optional_package
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.version import __version__

@@ -9,6 +9,7 @@ import typer
 
 from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     ArrivalOptions,
     Commands,
     Formats,
@@ -24,7 +25,6 @@ from pymantaray.cli.options import (
     format_names,
 )
 from pymantaray.cli.output import EXIT_UNUSABLE, STARTED, duration, progress_bars, write_new
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
 
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
     from pymantaray.apps.study import Run
     from pymantaray.config import StudyConfig
-
-SHOWS_RESULTS = True
 
 app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 
@@ -209,11 +207,14 @@ def run_and_report(
     The exit status is 1 if a figure of another package fails.
     """
     from pymantaray.apps.study import run_study
-    from pymantaray.apps.study.study_report import StudyReport
+    from pymantaray.apps.study.report import StudyReport
 
     report = StudyReport(formats=format_names(formats)) if figures else None
+    # stages of a study, in order
+    solving = ["realizations"] if config.solves else []
+    drawing = ["report"] if figures else []
     with progress_bars(
-        quiet=quiet, stages=_stages(solves=config.solves, figures=figures)
+        quiet=quiet, stages=["ocean", "fleet", "rays", *solving, "files", *drawing]
     ) as progress:
         results = run_study(
             config,
@@ -250,13 +251,6 @@ def _end_with(failures: list[str]) -> None:
         LOG.error(line)
     if failures:
         raise typer.Exit(EXIT_UNUSABLE)
-
-
-def _stages(*, solves: bool, figures: bool) -> list[str]:
-    """Stages of a study, in order."""
-    solving = ["realizations"] if solves else []
-    drawing = ["report"] if figures else []
-    return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
 
 @app.command()

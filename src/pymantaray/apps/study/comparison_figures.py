@@ -6,9 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.arrays import Array
-from pymantaray.pages import style
-
-SHOWS_RESULTS = True
+from pymantaray.plotting import style
 
 _COLUMNS = 3
 _ROW = 0.19  # height of a line [in]

@@ -5,6 +5,7 @@ and position errors.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymantaray.apps.study.comparison_errors import run_differences
 from pymantaray.apps.study.comparison_figures import quantiles_by_run
 from pymantaray.apps.study.figures.ranging import range_error_histogram
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
@@ -25,18 +25,15 @@ from pymantaray.arrays import Array
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.evaluation.comparison import paired_interval
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.drawing import FigureSpec, Picture, with_source
 from pymantaray.pages.folder import PAGE, TABLES as TABLES_FOLDER
-from pymantaray.pages.page import Explorer, Page, entries
-from pymantaray.pages.style import condition_label, shortened
-from pymantaray.pages.table_explorer import table_explorer
-from pymantaray.pages.water import sound_speed_profiles
-from pymantaray.pages.writing import write_page
+from pymantaray.pages.page import Explorer, Page, entries, table_explorer, write_page
+from pymantaray.plotting.drawing import FigureSpec, Picture, with_source
+from pymantaray.plotting.style import condition_label, shortened
+from pymantaray.plotting.water import sound_speed_profiles
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
-
-SHOWS_RESULTS = True
 
 SUMMARY = (
     "configuration",
@@ -107,6 +104,7 @@ _STATISTICS = {
         "bound_rmse_m",
     ),
 }
+_COLUMNS = ["condition", "run", "baseline", "paired", "realizations", "mean_m", "baseline_mean_m"]
 
 
 def write_comparison(
@@ -333,7 +331,19 @@ def _error_quantiles(
         "range_error",
         f"Signed range error, refracted minus straight, and its two parts in {which}:"
         f" {_QUANTILES}.",
-        lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
+        lambda: quantiles_by_run(
+            {
+                label: {name: getattr(r.ranges, part) for name, r in runs.items()}
+                for label, part in (
+                    ("total", "total"),
+                    ("reference speed", "reference_speed"),
+                    ("bending", "bending"),
+                )
+            },
+            header,
+            "Range error [m]",
+            log=False,
+        ),
     )
     return [position], ranges
 
@@ -394,18 +404,6 @@ def _position_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Arra
     return {
         condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
         for c in conditions
-    }
-
-
-def _range_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
-    """Range errors by part and run. [m]"""
-    return {
-        label: {name: getattr(r.ranges, part) for name, r in runs.items()}
-        for label, part in (
-            ("total", "total"),
-            ("reference speed", "reference_speed"),
-            ("bending", "bending"),
-        )
     }
 
 
@@ -506,3 +504,52 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
         ["condition", "run", *groups],
         labels=key_heading,
     )
+
+
+_COLUMNS += ["difference_m", "t_low_m", "t_high_m"]
+
+
+def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95) -> pd.DataFrame:
+    """
+    Differences of the mean position error between each two runs, by condition.
+
+    Two runs with one seed have the same noise in each realization. Their difference is then the
+    mean over the realizations that both have, with Student's interval of paired samples. The
+    interval of other runs is Welch's. ``realizations`` are those of ``run`` and of ``baseline``
+    that the difference uses; intervals of fewer than two are NaN.
+    """
+    rows = []
+    for baseline, name in combinations(runs, 2):
+        one = runs[name]
+        other = runs[baseline]
+        paired = one.run.study.seed == other.run.study.seed
+        for condition in [c for c in one.errors if c in other.errors]:
+            pair = pd.concat([_of_realizations(r, condition) for r in (one, other)], axis=1)
+            pair = pair.dropna() if paired else pair
+            a, b = (pair[column].dropna().to_numpy() for column in pair)
+            counts = str(a.size) if paired else f"{a.size} and {b.size}"
+            means = (float(values.mean()) if values.size else np.nan for values in (a, b))
+            keys = (condition, name, baseline, "yes" if paired else "no", counts)
+            rows.append((*keys, *means, *_interval(a, b, confidence, paired=paired)))
+    return pd.DataFrame(rows, columns=_COLUMNS)
+
+
+def _of_realizations(results: RunResults, condition: str) -> "pd.Series[float]":
+    """Mean position error of each realization; NaN if its solve failed. [m]"""
+    mean = results.errors[condition].mean(axis=(1, 2))
+    return pd.Series(mean, index=results.run.estimates.realization)
+
+
+def _interval(a: Array, b: Array, confidence: float, *, paired: bool) -> tuple[float, float, float]:
+    """Difference of two means, and its confidence interval."""
+    from scipy.stats import ttest_ind
+
+    if not a.size or not b.size:
+        return np.nan, np.nan, np.nan
+    difference = float(a.mean() - b.mean())
+    if paired:
+        return difference, *paired_interval(a - b, confidence)
+    if min(a.size, b.size) < 2:
+        return difference, np.nan, np.nan
+    low, high = ttest_ind(a, b, equal_var=False).confidence_interval(confidence)
+    return difference, float(low), float(high)

@@ -38,7 +38,9 @@ def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
     measured = {
         name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")
     }
-    true = {f.name: _column(getattr(truth, f.name)) for f in fields(truth)}
+    true = {f.name: getattr(truth, f.name) for f in fields(truth)}
+    # flags become booleans
+    true = {n: v == 1 if v.dtype == np.int8 else v for n, v in true.items()}
     frame = pd.DataFrame(
         {
             "time": m.time[m.range_sample],

@@ -13,13 +13,14 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from pymantaray.apps.study.references import Citations
-from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.door.fleet import TrackFiles
 from pymantaray.config.door.study import Study
 from pymantaray.entry_points import extension_keys
+from pymantaray.exchange import Tracks
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
 from pymantaray.messages import without_secrets
+from pymantaray.ocean.schema import latitude, longitude
 from pymantaray.version import __version__
 
 if TYPE_CHECKING:
@@ -114,6 +115,26 @@ def _command() -> str | None:
 def ocean_notes(ocean: Mapping[Hashable, Any]) -> list[str]:
     """Notes of the readers of an ocean, from the attributes of the local ocean."""
     return str(ocean.get("notes", "")).splitlines()
+
+
+def centre_note(
+    centre: tuple[float, float] | None, ocean: Mapping[Hashable, Any], tracks: Tracks
+) -> str | None:
+    """
+    Message with the centre of the frame of local positions; None if a file gives it, or the study
+    by ``centre``. [degrees]
+    """
+    if tracks.geodetic or centre is not None or tracks.centre is not None:
+        return None
+    if "centre_latitude_deg" not in ocean:
+        return None  # the water is the same everywhere
+    lat = float(ocean["centre_latitude_deg"])
+    lon = float(ocean["centre_longitude_deg"])
+    return (
+        f"{tracks.poses[0].file}: positions are local and no file gives the centre of their frame;"
+        f" the middle of the ocean is used, {latitude(lat)}, {longitude(lon)}; for another centre"
+        " give `centre` (in a study: ocean.centre_lat and ocean.centre_lon)"
+    )
 
 
 def fleet_notes(study: Study, ocean: Mapping[Hashable, Any]) -> list[str]:

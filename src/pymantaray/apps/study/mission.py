@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.acoustics.ocean_fields import OceanFields
-from pymantaray.apps.study.assemble import (
-    altitude,
-    gnss_depth,
-)
 from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.tracks import sample_tracks
+from pymantaray.arrays import Array
 from pymantaray.config.door.fleet import MissionFleet
 from pymantaray.config.door.study import MissionRanging, Study
 from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
-from pymantaray.exchange.tracks import with_times
+from pymantaray.exchange.tracks import union_of_times, with_times
 from pymantaray.fleet import simulate
+from pymantaray.fleet.simulation import fleet_refusals
+from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress, Progress
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
+from pymantaray.ocean.schema import Finding, latitude, longitude
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
 
 LOG = logging.getLogger(__name__)
+FAN = np.radians(np.linspace(-15.0, 15.0, 41))
+"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,16 @@ def simulate_mission(
     ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the study if they are in
     memory.
     """
-    _check_participants(study, tracks, schedule)
+    landmarks = [mark.name for mark in study.ranging.landmarks]
+    names = study.fleet.names if tracks is None else tracks.names
+    if not study.solves and len(names) + len(landmarks) < 2:
+        raise StudyError(
+            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
+            " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
+            " and depth"
+        )
+    if schedule is not None or study.ranging.pings.own is not None:
+        (schedule or study.schedule).check_names(names, landmarks)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
         ocean = study.ocean.open(study.sound.interpolation, data)
@@ -158,23 +169,6 @@ def earth_note(study: Study, truth: Trajectories, ranging: RangingTruth) -> str 
 def _largest(lengths: NDArray[np.float64]) -> float:
     """Largest of some lengths that is known, zero without one. [m]"""
     return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
-
-
-def _check_participants(study: Study, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """
-    Raise an error for ranges without a pair, and for a schedule with unknown names, before the
-    simulation.
-    """
-    landmarks = [mark.name for mark in study.ranging.landmarks]
-    names = study.fleet.names if tracks is None else tracks.names
-    if not study.solves and len(names) + len(landmarks) < 2:
-        raise StudyError(
-            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
-            " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
-            " and depth"
-        )
-    if schedule is not None or study.ranging.pings.own is not None:
-        (schedule or study.schedule).check_names(names, landmarks)
 
 
 def simulate_fleet(
@@ -266,16 +260,10 @@ def range_draws(
     return RangingDraws.of(rangings)
 
 
-def _under_draw(
-    medium: Medium | Callable[[float], Medium], draw: int
-) -> Medium | Callable[[float], Medium]:
+def _under_draw(medium: Any, draw: int) -> Any:
     """Medium, or a function that returns it, with another draw of its rough ice."""
     if callable(medium):
-        return lambda time: _of_draw(medium(time), draw)
-    return _of_draw(medium, draw)
-
-
-def _of_draw(medium: Medium, draw: int) -> Medium:
+        return lambda time: _under_draw(medium(time), draw)
     roughness = medium.surface.roughness
     assert roughness is not None
     return replace(medium, surface=medium.surface.with_roughness(roughness.with_draw(draw)))
@@ -351,10 +339,6 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     return lru_cache(maxsize=1)(lambda time: medium_of(local_at(time)))
 
 
-FAN = np.radians(np.linspace(-15.0, 15.0, 41))
-"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
-
-
 def picture_of_most_bent_link(
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
@@ -392,3 +376,80 @@ def picture_of_most_bent_link(
         receiver=str(truth.name[b]),
         time_h=float(truth.time[sample]) / 3600.0,
     )
+
+
+def gnss_depth(
+    depth: float, ocean: OceanFields, truth: Trajectories
+) -> float | NDArray[np.float64]:
+    """Maximum depth of a GNSS fix: the argument in open water, 0 under ice. [m]"""
+    if "sea_ice_draft" not in ocean.local:
+        return depth
+    surface = BoundarySurface.from_dataset(ocean.local, "sea_ice_draft")
+    if surface.depth.size == 1:
+        return 0.0 if surface.depth.any() else depth
+    draft = surface.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
+    return np.where(draft > 0.0, 0.0, depth)
+
+
+def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
+    """Height of each vehicle above the sea floor at each sample. [m]"""
+    bed = BoundarySurface.from_dataset(ocean.local, "sea_floor_depth")
+    depth = bed.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
+    return np.asarray(depth - truth.position[..., 2])
+
+
+def fleet_findings(study: Study) -> list[Finding]:
+    """Findings of the check of a run's vehicles in its ocean; none for existing trajectories."""
+    fleet = study.fleet
+    refusals = fleet_refusals(fleet.vehicles, study.ocean.local_start(), fleet.physics_step)
+    return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
+
+
+class MissionSize(NamedTuple):
+    """Amount of work of a mission, known before it runs."""
+
+    vehicles: int
+    samples: float
+    """Number of samples of each vehicle, without those at pings."""
+    steps: float
+    """Integration steps of each vehicle; 0 for existing trajectories."""
+    pings: float
+    """Number of pings of all vehicles; 0 for a table of pings."""
+
+
+def mission_size(study: Study) -> MissionSize:
+    """Size of a mission from its study and, if they exist, its trajectories."""
+    fleet = study.fleet
+    vehicles = fleet.count
+    pings = study.ranging.pings.count(vehicles, fleet.duration)
+    return MissionSize(vehicles, fleet.samples, fleet.steps, pings)
+
+
+def sample_tracks(
+    tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset
+) -> Trajectories:
+    """
+    Trajectories in a local ocean, sampled every period [s] from the first pose, at the end and at
+    every ping.
+    """
+    # water without a location has tracks in its own frame, which does not depend on the centre
+    frame = LocalFrame(
+        *(local.attrs.get(f"centre_{axis}_deg", 0.0) for axis in ("latitude", "longitude"))
+    )
+    grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
+    truth = tracks.at(union_of_times(grid, pings), frame)
+    place = truth.position[..., :2]
+    low, high = ([float(local[axis][end]) for axis in ("north", "east")] for end in (0, -1))
+    if not ((place >= low) & (place <= high)).all(axis=-1).any():
+        (north, east), (far_north, far_east) = (
+            place.min(axis=(0, 1)) / 1e3,
+            place.max(axis=(0, 1)) / 1e3,
+        )
+        raise StudyError(
+            f"{tracks.poses[0].file}: no pose is in the ocean: poses are {north:.1f} to"
+            f" {far_north:.1f} km north, {east:.1f} to {far_east:.1f} km east of"
+            f" {latitude(frame.latitude_deg)}, {longitude(frame.longitude_deg)}; the ocean reaches"
+            f" {low[0] / 1e3:.1f} to {high[0] / 1e3:.1f} and {low[1] / 1e3:.1f} to"
+            f" {high[1] / 1e3:.1f}; give another ocean or centre"
+        )
+    return truth

@@ -10,16 +10,13 @@ from matplotlib.axes import Axes
 from pymantaray.apps.study.figures.fleet import draw_plan
 from pymantaray.apps.study.figures.ranging import draw_range_errors
 from pymantaray.apps.study.figures.register import RunResults
-from pymantaray.apps.study.figures.trajectory import draw_error_distribution
-from pymantaray.apps.study.figures.vehicles import draw_vehicle_errors
-from pymantaray.pages import style
-from pymantaray.pages.style import axes_or_new
-from pymantaray.pages.water import draw_profile
+from pymantaray.apps.study.figures.trajectory import draw_error_distribution, draw_vehicle_errors
+from pymantaray.plotting import style
+from pymantaray.plotting.style import axes_or_new
+from pymantaray.plotting.water import draw_profile
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
-
-SHOWS_RESULTS = True
 
 
 class RunPlots:
@@ -135,7 +132,5 @@ class RunPlots:
         """
         axes = axes_or_new(ax)
         deepest = draw_profile(axes, self._results.run.profile, self._results.region, style.BLUE)
-        axes.set_ylim(deepest or 1.0, 0.0)
-        axes.set_xlabel("Sound speed [m/s]")
-        axes.set_ylabel("Depth [m]")
+        axes.set(ylim=(deepest or 1.0, 0.0), xlabel="Sound speed [m/s]", ylabel="Depth [m]")
         return axes

@@ -2,23 +2,21 @@
 
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
-from pymantaray.apps.study.explore import mission_rays
-from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.page import run_page
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.apps.study.tables import OF_MISSION
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.drawing import Picture
 from pymantaray.pages.folder import PAGE, PARTS, write_files
-from pymantaray.pages.writing import checked_formats, draw
+from pymantaray.plotting.formats import checked_formats
 from pymantaray.records.result_table import ResultTable
 
-SHOWS_RESULTS = True
+if TYPE_CHECKING:
+    from pymantaray.plotting.drawing import Picture
 
 LOG = logging.getLogger(__name__)
 
@@ -64,77 +62,78 @@ def report_of(
     run_dir: str | Path, *, formats: Sequence[str] = (), progress: Progress | None = None
 ) -> tuple[Path, list[str]]:
     """Write a report as `write_report`; return the page, and a line for each missing figure."""
-    maker = ReportMaker(formats=formats)
+    report = StudyReport(formats=formats)
     run = open_run(run_dir)
-    with staged_parts(run.path, PARTS) as stage:
-        report = maker.make_of(run, progress)
-        write_files(stage, report.files)
-    return run.path / PAGE, report.failures
+    failures = report.write(run, progress)
+    return run.path / PAGE, failures
 
 
-class RunReport(NamedTuple):
-    """Report of a finished run, before it is written."""
-
-    files: dict[str, bytes]
-    """Files by name."""
-    failures: list[str]
-    """A line for each figure of another package that is missing because it fails."""
-
-
-class ReportMaker:
+class StudyReport:
     """
-    Maker of a run's report; `prepare` does the parts before it that do not depend on the
-    realizations.
+    Report of a run; `begin` makes its parts that do not depend on the realizations, for example
+    while other processes solve these.
+
+    Another process would import as many modules, and read the run again, which takes as long as
+    drawing most of the figures. Methods import Matplotlib, for which the simulation would wait.
     """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
         self._mission: Run | None = None
         self._tables = dict[str, ResultTable]()
-        self._pictures = dict[str, Picture]()
+        self._pictures = dict[str, "Picture"]()
         self._rays = ""
 
-    def prepare(self, folder: Path) -> Iterator[None]:
+    def begin(self, folder: Path) -> Iterator[None]:
         """
-        Draw figures and compute tables that do not depend on the realizations, of a run's working
-        folder, one at each step.
+        Draw figures and compute tables of a run's working folder, one at each step.
 
-        `make_of` does what is left if not all steps are taken.
+        `write` does what is left if not all steps are taken, and raises the error of a step again.
         """
-        run = self._mission = Run(folder)
-        results = RunResults(run)
-        for _ in run.expect_errors():
-            yield
-        for name in OF_MISSION:
-            if name in run.tables:
-                self._tables[name] = run.tables[name]
+        with suppress(Exception):
+            from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+            from pymantaray.apps.study.page import mission_rays
+            from pymantaray.plotting.drawing import draw
+
+            run = self._mission = Run(folder)
+            results = RunResults(run)
+            for _ in run.expect_errors():
                 yield
-        for spec in run_figure_specs(results, of_mission=True):
-            # a figure that fails is drawn again and reported by `make_of`
-            for picture in draw([spec], formats=self._formats, failures=[]):
-                self._pictures[picture.name] = picture
-            yield
-        self._rays = mission_rays(results)
+            for name in OF_MISSION:
+                if name in run.tables:
+                    self._tables[name] = run.tables[name]
+                    yield
+            for spec in run_figure_specs(results, of_mission=True):
+                # a figure that fails is drawn again and reported by `write`
+                for picture in draw([spec], formats=self._formats, failures=[]):
+                    self._pictures[picture.name] = picture
+                yield
+            self._rays = mission_rays(results)
 
-    def make_of(self, run: Run, progress: Progress | None = None) -> RunReport:
-        """Report of a finished run; it lacks the figures of other packages that fail."""
-        if self._mission is not None:
-            known = vars(self._mission).items()
-            vars(run).update((name, x) for name, x in known if name not in _OF_FINISHED_RUN)
-        run.tables.use(self._tables)
-        results = RunResults(run)
-        page = run_page(results, self._rays or mission_rays(results))
-        specs = run_figure_specs(results)
+    def write(self, run: Run, progress: Progress | None = None) -> list[str]:
+        """
+        Write the report of the finished run into its folder; return a line for each figure of
+        another package that fails, which the report lacks.
+        """
+        from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+        from pymantaray.apps.study.page import mission_rays, run_page
+        from pymantaray.plotting.drawing import draw
+
         failures: list[str] = []
-        pictures = draw(
-            specs,
-            formats=self._formats,
-            drawn=self._pictures,
-            progress=progress,
-            failures=failures,
-        )
-        notes = [*page.notes, *(f"A figure is missing: {line}." for line in failures)]
-        return RunReport(
-            replace(page, pictures=pictures, notes=notes).files(self._formats),
-            failures,
-        )
+        with staged_parts(run.path, PARTS) as stage:
+            if self._mission is not None:
+                known = vars(self._mission).items()
+                vars(run).update((name, x) for name, x in known if name not in _OF_FINISHED_RUN)
+            run.tables.use(self._tables)
+            results = RunResults(run)
+            page = run_page(results, self._rays or mission_rays(results))
+            pictures = draw(
+                run_figure_specs(results),
+                formats=self._formats,
+                drawn=self._pictures,
+                progress=progress,
+                failures=failures,
+            )
+            notes = [*page.notes, *(f"A figure is missing: {line}." for line in failures)]
+            write_files(stage, replace(page, pictures=pictures, notes=notes).files(self._formats))
+        return failures

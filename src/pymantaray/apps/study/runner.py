@@ -13,7 +13,7 @@ from pymantaray.apps.study.manifest import (
     describe_run,
     estimator_notes,
 )
-from pymantaray.apps.study.mission import Mission, simulate_mission
+from pymantaray.apps.study.mission import Mission, mission_size, simulate_mission
 from pymantaray.apps.study.realization import (
     RealizationQueue,
     RealizationResult,
@@ -23,8 +23,6 @@ from pymantaray.apps.study.realization import (
 )
 from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
-from pymantaray.apps.study.tracks import mission_size
-from pymantaray.apps.study.workers import worker_count
 from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
@@ -48,6 +46,7 @@ _POSE_BYTES = 160
 _GRAPH_BYTES = 4000
 _LINK_BYTES = 500
 _MAX_STEPS = 1e13  # vehicles x physics steps
+_REALIZATIONS_PER_WORKER = 3
 
 
 def run_study(
@@ -110,7 +109,7 @@ def run_study(
     refuse_too_large(study, workers)
     _refuse_missing_files(study)
     references = citation(study.config)  # read before the files can change
-    report = progress or _silent
+    report = progress or (lambda *_: None)
     watch = Stopwatch()
     if out is not None and (Path(out) / MANIFEST).is_file():  # a stop at its end left a checkpoint
         Checkpoint(Path(out).resolve(), "realizations").clear()
@@ -249,12 +248,9 @@ def refuse_too_large(study: Study, workers: int) -> None:
     Raise an error, before any work, if a study needs more memory than this machine has or takes
     weeks.
     """
-    size_of = mission_size(study)
-    n_vehicles = size_of.vehicles
-    n_samples = size_of.samples
-    n_steps = size_of.steps
+    n_vehicles, n_samples, n_steps, n_pings = mission_size(study)
     n_solves = study.realizations * len(study.conditions)
-    n_links = size_of.pings * (n_vehicles + len(study.ranging.landmarks))
+    n_links = n_pings * (n_vehicles + len(study.ranging.landmarks))
     needed = (
         n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers)
         + _LINK_BYTES * n_links
@@ -298,20 +294,27 @@ def _write_mission(study: Study, mission: Mission, folder: Path) -> None:
     write_netcdf(mission.ocean.profile, folder / run_folder.PROFILE)
     with whole_file(folder / run_folder.REGION) as file:
         mission.ocean.region.to_csv(file)
-    mission.truth.save(folder / run_folder.TRUTH)
-    mission.links.save(folder / run_folder.LINKS)
-    mission.arrivals.save(folder / run_folder.ARRIVALS)
-    mission.measurements.save(folder / run_folder.MEASUREMENTS)
-    mission.ranging_truth.save(folder / run_folder.RANGING_TRUTH)
-    if mission.hearing is not None:
-        mission.hearing.save(folder / run_folder.HEARING)
-    if mission.draws is not None:
-        mission.draws.save(folder / run_folder.RANGING_DRAWS)
-    if mission.candidates is not None:
-        mission.candidates.save(folder / run_folder.CANDIDATES)
+    for record, name in (
+        (mission.truth, run_folder.TRUTH),
+        (mission.links, run_folder.LINKS),
+        (mission.arrivals, run_folder.ARRIVALS),
+        (mission.measurements, run_folder.MEASUREMENTS),
+        (mission.ranging_truth, run_folder.RANGING_TRUTH),
+        (mission.hearing, run_folder.HEARING),
+        (mission.draws, run_folder.RANGING_DRAWS),
+        (mission.candidates, run_folder.CANDIDATES),
+    ):
+        if record is not None:
+            record.save(folder / name)
     if mission.picture is not None:
         write_netcdf(mission.picture, folder / run_folder.RAY_PICTURE)
 
 
-def _silent(_stage: str, _done: int, _total: int) -> None:
-    """Report nothing."""
+def worker_count(realizations: int, asked: int | None = None) -> int:
+    """
+    Number of processes for some realizations, at least one; by default at most one per core and one
+    for every three realizations, because a process takes as long to start as it takes to solve a
+    few short ones.
+    """
+    by_default = min(os.cpu_count() or 1, -(-realizations // _REALIZATIONS_PER_WORKER))
+    return max(1, min(by_default if asked is None else asked, realizations))

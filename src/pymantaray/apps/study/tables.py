@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from pymantaray.apps.study.influence import influence_table
+from pymantaray.apps.study.graphs import noisy_graphs
 from pymantaray.config.settings import NOISE, TIMING, settings_table
-from pymantaray.estimation import CONDITIONS
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import CONDITIONS, GraphValues
+from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
 from pymantaray.evaluation import (
     attitude_table,
     bound_table,
@@ -41,6 +43,8 @@ SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
 OF_MISSION = ("bound",)
 """Tables that take time and do not depend on the realizations."""
+_INFLUENTIAL = ("fix", "survey", "range")
+_MOST_INFLUENTIAL = 10  # of each measure
 
 
 @dataclass(frozen=True)
@@ -226,6 +230,36 @@ def _ranging_draws(run: "Run") -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def influence_table(run: "Run") -> pd.DataFrame:
+    """
+    Fixes, surveys and ranges with the largest residual, leverage and Cook's distance in realization
+    0, by condition.
+    """
+    noisy = run.noisy_measurements(0)
+    estimates = run.estimates
+    tables = []
+    graphs = noisy_graphs(run, noisy)
+    for row, condition in enumerate(estimates.condition.tolist()):
+        position = estimates.position[row, 0].reshape(-1, 3)
+        if condition not in graphs or not np.isfinite(position).all():  # the solve failed
+            continue
+        graph = graphs[condition]
+        quaternion = estimates.quaternion[row, 0].reshape(-1, 4).astype(float)
+        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+        values = GraphValues(position, quaternion, estimates.landmark_position[row, 0])
+        try:
+            influence = factor_influence(graph, values, kinds=_INFLUENTIAL)
+        except EstimationError:
+            continue
+        for measure in MEASURES:
+            worst = worst_factors(influence, measure, _MOST_INFLUENTIAL)
+            tables.append(worst.assign(condition=condition, largest=measure))
+    columns = ["condition", "largest", "kind", "first", "second", "time_s", *MEASURES]
+    return (
+        pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
+    )
+
+
 TABLES: dict[str, TableDefinition] = {
     "ate_pooled": TableDefinition(
         "Position error by condition, pooled over vehicles, times and realizations",
@@ -285,7 +319,7 @@ TABLES: dict[str, TableDefinition] = {
     "ranging_draws": TableDefinition(
         "Dropouts and range errors of each realization, which has its own draw of rough ice. All"
         " other tables and figures of ranges are those of realization 0",
-        lambda run: _ranging_draws(run),
+        _ranging_draws,
         lambda run: run.ranging_draws is not None,
         columns="realization attempts dropouts percent mean_m sd_m",
         words={"percent": "dropouts [%]"},

@@ -8,6 +8,7 @@ import typer
 
 from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     Commands,
     Force,
     Json,
@@ -18,15 +19,12 @@ from pymantaray.cli.options import (
     changes_of,
 )
 from pymantaray.cli.output import check_output, counted_progress, duration
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.apps.sweep.estimate import Estimate
     from pymantaray.apps.sweep.plan import SweepPlan
     from pymantaray.apps.sweep.results import Status
-
-SHOWS_RESULTS = True
 
 app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 
@@ -62,8 +60,8 @@ def show(
     """Show points, shared stages, and estimated time and disk space."""
     from pymantaray.apps.sweep import load_sweep, open_sweep
     from pymantaray.apps.sweep.estimate import cost_of, estimate, known_cost, measured_cost
+    from pymantaray.apps.sweep.keys import finished
     from pymantaray.apps.sweep.plan import SweepPlan
-    from pymantaray.apps.sweep.points import finished
     from pymantaray.jobs.store import open_store
 
     sweep = load_sweep(file, **changes_of(changes))

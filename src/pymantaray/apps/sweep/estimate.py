@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
 
-from pymantaray.apps.study.tracks import mission_size
+from pymantaray.apps.study.mission import mission_size
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.apps.sweep.plan import SweepPlan

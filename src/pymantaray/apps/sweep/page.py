@@ -7,10 +7,7 @@ import pandas as pd
 
 from pymantaray.apps.sweep.results import point_table
 from pymantaray.config.headings import key_heading
-from pymantaray.pages.page import Page
-from pymantaray.pages.table_explorer import table_explorer
-
-SHOWS_RESULTS = True
+from pymantaray.pages.page import Page, table_explorer
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -39,7 +39,12 @@ class SweepPlan:
         for number in range(len(sweep)):
             try:
                 study = build_study(sweep.point(number))
-                _add_checksums(checksums, study.files)
+                for file in study.files:
+                    if file not in checksums:
+                        try:
+                            checksums[file] = sha256(Path(file))
+                        except OSError as error:
+                            raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
                 self.keys.append(task_keys(study, checksums))
             except MantaRayError as error:
                 bad.append(str(error).partition("\n")[0])
@@ -64,15 +69,6 @@ class SweepPlan:
     def count(self, stage: str, points: Collection[str]) -> int:
         """Number of distinct instances of a stage that some points need."""
         return len({self.keys[self.points[key]][stage] for key in points})
-
-
-def _add_checksums(checksums: dict[str, str], files: Iterable[str]) -> None:
-    for file in files:
-        if file not in checksums:
-            try:
-                checksums[file] = sha256(Path(file))
-            except OSError as error:
-                raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
 def plan_content(plan: SweepPlan, toml: str) -> bytes:

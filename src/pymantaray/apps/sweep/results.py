@@ -11,9 +11,8 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.apps.sweep.definition import Sweep, parse_sweep
-from pymantaray.apps.sweep.keys import POINT
+from pymantaray.apps.sweep.keys import DONE, FAILED, PLAN, POINT, SWEEP, read_points
 from pymantaray.apps.sweep.plan import SweepPlan, read_plan
-from pymantaray.apps.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store

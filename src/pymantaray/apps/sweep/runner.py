@@ -6,16 +6,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pymantaray.apps.sweep.definition import Sweep
-from pymantaray.apps.sweep.keys import POINT, STAGES
-from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue, plan_content, read_plan
-from pymantaray.apps.sweep.points import (
+from pymantaray.apps.sweep.keys import (
     PLAN,
+    POINT,
+    STAGES,
     SWEEP,
     SWEEP_ENTRIES,
     finished,
     point_name,
     stage_name,
 )
+from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue, plan_content, read_plan
 from pymantaray.apps.sweep.results import SweepResults, open_sweep
 from pymantaray.apps.sweep.tasks import run_task
 from pymantaray.errors import JobError, SweepError
@@ -85,7 +86,12 @@ def run_sweep(
     store = open_store(out)
     if studies and store.folder is None:
         raise SweepError(f"{out}: run folders of studies cannot be written to a URL; give a folder")
-    _prepare(store, plan)
+    # write the definition and the plan of a sweep to its store
+    store.claim("sweep", SWEEP, SWEEP_ENTRIES)
+    toml = plan.sweep.to_toml()
+    _warn_of_other_code(store, plan)
+    store.write(SWEEP, toml.encode())
+    store.write(PLAN, plan_content(plan, toml))
     done, failed = finished(store, plan.points, discard=True)
     for key in failed if retry_failed else ():
         store.remove(point_name(key, failed=True))
@@ -116,15 +122,6 @@ def _clear_stages(store: Store, plan: SweepPlan, *, keep: bool) -> None:
     for name in store.names("stages"):
         if name.partition(".")[0] in own and not (keep and name.endswith(".nc")):
             store.remove(f"stages/{name}")
-
-
-def _prepare(store: Store, plan: SweepPlan) -> None:
-    """Write the definition and the plan of a sweep to its store."""
-    store.claim("sweep", SWEEP, SWEEP_ENTRIES)
-    toml = plan.sweep.to_toml()
-    _warn_of_other_code(store, plan)
-    store.write(SWEEP, toml.encode())
-    store.write(PLAN, plan_content(plan, toml))
 
 
 def _warn_of_other_code(store: Store, plan: SweepPlan) -> None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 import xarray as xr
@@ -16,8 +16,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS
-from pymantaray.apps.sweep.points import parse_failure, stage_name
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, parse_failure, stage_name
 from pymantaray.config.door.ocean import MissionOcean
 from pymantaray.config.door.study import Study
 from pymantaray.errors import SweepError, WriteError
@@ -30,6 +29,7 @@ from pymantaray.sensing.schedule import Attempts
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """Latest result of each stage in this process, with its key and the time of its computation. [s]"""
+_T = TypeVar("_T")
 _RANGING = Ranging, Attempts, RangingTruth, Links, Arrivals, Receptions
 
 
@@ -53,30 +53,24 @@ class Stages:
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        ocean = self._study.ocean
         interpolation = self._study.sound.interpolation
         key = self._keys[OCEAN]
         if self._profile:  # its thinned levels depend on the interpolation of the medium
             key = f"{key} {interpolation}"
-        out: OceanFields = self._get(OCEAN, lambda: open_ocean(ocean, interpolation), key)
-        return out
+        return self._get(OCEAN, lambda: open_ocean(self._study.ocean, interpolation), key)
 
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
         ocean = self.ocean
-        fleet = self._study.fleet
-        out: Trajectories = self._get(FLEET, lambda: simulate_fleet(fleet, ocean))
-        return out
+        return self._get(FLEET, lambda: simulate_fleet(self._study.fleet, ocean))
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
         ocean = self.ocean
         truth = self.fleet
-        ranging = self._study.ranging
-        out: Ranging = self._get(RAYS, lambda: range_fleet(ranging, ocean, self.medium, truth))
-        return out
+        return self._get(RAYS, lambda: range_fleet(self._study.ranging, ocean, self.medium, truth))
 
     @property
     def medium(self) -> Medium | Callable[[float], Medium]:
@@ -118,7 +112,7 @@ class Stages:
 
         return read_sealed(self._store, stage_name(self._keys[stage]), parse)
 
-    def _get(self, stage: str, compute: Callable[[], Any], key: str | None = None) -> Any:
+    def _get(self, stage: str, compute: Callable[[], _T], key: str | None = None) -> _T:
         key = self._keys[stage] if key is None else key
         if _LATEST.get(stage, ("",))[0] != key:
             shared = stage in self._shared
@@ -133,7 +127,8 @@ class Stages:
                 stage_name(key)
             ):  # the file was damaged; store the result for other points
                 self._write(stage, read[0])
-        return _LATEST[stage][1]
+        out: _T = _LATEST[stage][1]
+        return out
 
     def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
         """

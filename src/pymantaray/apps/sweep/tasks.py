@@ -21,8 +21,7 @@ from pymantaray.apps.study.mission import (
 from pymantaray.apps.study.realization import RealizationSolver, collect_results
 from pymantaray.apps.study.runner import refuse_too_large, run_study
 from pymantaray.apps.study.store import run_in_memory
-from pymantaray.apps.sweep.keys import POINT, STAGES
-from pymantaray.apps.sweep.points import point_content, point_name
+from pymantaray.apps.sweep.keys import POINT, STAGES, point_content, point_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config import StudyConfig
 from pymantaray.config.door.study import Study, build_study

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.apps.table.cells import LEAF, CellStatus, Tree
-from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS, interpolate
+from pymantaray.apps.table.cells import LEAF, REFERENCE_SLOWNESS, CellStatus, Tree, interpolate
 from pymantaray.apps.table.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError

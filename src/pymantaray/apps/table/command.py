@@ -7,12 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import typer
 
 from pymantaray.cli.groups import existing, number_in, quantities, quantity, with_options
-from pymantaray.cli.options import ArrivalOptions, Force, PrintOptions, WaterOptions
+from pymantaray.cli.options import OUTPUT, ArrivalOptions, Force, PrintOptions, WaterOptions
 from pymantaray.cli.output import check_output, progress_bars
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG
-
-SHOWS_RESULTS = True
 
 
 def _axis(text: Any) -> Any:

@@ -54,7 +54,8 @@ def save_table(table: TravelTimeTable, path: Path | str, *, replace: bool = Fals
     path = Path(path)
     if path.suffix == ".mtt":
         with whole_file(path, replace=replace) as temporary:
-            temporary.write_bytes(_packed(table))
+            content = _content(table)
+            temporary.write_bytes(content + _CHECKSUM.pack(zlib.crc32(content)))
         return
     import xarray as xr
 
@@ -119,12 +120,6 @@ def c_header() -> str:
         Content of ``mantaray_table.h``.
     """
     return resources.files("pymantaray.apps.table").joinpath("mantaray_table.h").read_text()
-
-
-def _packed(table: TravelTimeTable) -> bytes:
-    """Packed form of a table: its content and the checksum of that."""
-    content = _content(table)
-    return content + _CHECKSUM.pack(zlib.crc32(content))
 
 
 def _content(table: TravelTimeTable) -> bytes:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ArrivalRule, Medium, choose_arrivals, find_eigenrays
-from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
+from pymantaray.apps.table.cells import REFERENCE_SLOWNESS
 from pymantaray.arrays import Array
 from pymantaray.records import RayStatus
 

@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.apps.table.cells import LEAF, CellStatus, Tree, find_cells, mean_slowness
-from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
+from pymantaray.apps.table.cells import (
+    LEAF,
+    REFERENCE_SLOWNESS,
+    CellStatus,
+    Tree,
+    find_cells,
+    mean_slowness,
+)
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.records.base import Column, Record, column

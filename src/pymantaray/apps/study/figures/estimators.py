@@ -1,5 +1,9 @@
-"""Comparison of all conditions and estimators: position errors and consistency."""
+"""
+Comparison of all conditions and estimators: position errors, consistency over time, and estimates
+of water and clocks.
+"""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +15,20 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
 from pymantaray.apps.study.figures.register import register
+from pymantaray.apps.study.tables import RunTables
 from pymantaray.arrays import Array
 from pymantaray.evaluation.ping_error import BASELINE
-from pymantaray.pages import style
+from pymantaray.plotting import style
 
 _ROW = 0.17  # height of a line [in]
+_HEIGHT = 1.35  # of a panel [in]
+_LEVEL = 110  # letters of names that fit on the axis level
+_PANELS = (("horizontal", "horizontal positions of the fleet"), ("ranges", "ranges of a ping"))
+# share of the time axis between neighbouring conditions; all of them take half a step at most
+_DODGE = 0.012
+_ZOOM = 2.5  # half height of the lower row in widths of the band
+_TICKS = 10  # epochs that are all labelled
+_LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithmic axis
 
 
 @style.styled
@@ -129,4 +142,183 @@ register(
         r.header,
     ),
     needs=lambda r: any(not c.standard for c in r.run.study.conditions),
+)
+
+
+@style.styled
+def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
+    """
+    Posterior standard deviation and error of every unknown, divided by its prior standard
+    deviation.
+    """
+    conditions = list(dict.fromkeys(table["condition"]))
+    upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
+    heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
+    figure = style.new_figure(style.DOUBLE, 0.5 + sum(heights), header)
+    grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
+    after = {
+        "color": style.BLUE,
+        "markersize": 9.0,
+        "markeredgewidth": 1.6,
+        "label": "posterior standard deviation",
+    }
+    error = {"color": style.ORANGE, "markersize": 3.2, "label": "root mean square error"}
+    for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
+        part = table[table["condition"] == name]
+        x = np.arange(len(part))
+        prior = part["prior_sigma"].to_numpy(dtype=float)
+        line = axes.axhline(1.0, color=style.GREY, linewidth=0.8, label="before")
+        points = axes.plot(x, part["sigma"] / prior, "_", **after)
+        points += axes.plot(x, part["rms_error"] / prior, "o", **error)
+        axes.set(yscale="log", xlim=(-0.6, len(part) - 0.4))
+        axes.set_xticks(
+            x,
+            [style.plain(unknown) for unknown in part["unknown"]],
+            rotation=90 if upright[i] else 0,
+        )
+        axes.grid(visible=False, axis="x")
+        style.short_numbers(axes.yaxis)
+        style.panel_title(axes, style.letter(i), style.plain(name))
+    figure.supylabel("In prior standard deviations [-]")
+    style.common_legend(figure, [*points, line])
+    return figure
+
+
+def _with_prior(tables: RunTables) -> pd.DataFrame:
+    """Unknowns with a prior; a fitted standard deviation has none."""
+    return tables["unknowns"].frame.dropna(subset="prior_sigma")
+
+
+def _too_wide(names: pd.Series) -> bool:
+    """True if names would touch on an axis of the figure's width."""
+    return len(names) * (int(names.str.len().max()) + 2) > _LEVEL
+
+
+register(
+    "unknowns",
+    place=65,
+    caption="Sound-speed modes and clocks estimated together with the poses, over"
+    " {r.realizations}: posterior standard deviation (blue) and root mean square error (orange),"
+    " both divided by the prior standard deviation. On the grey line, the ranges contain no"
+    " information.",
+    draw=lambda r: unknowns_before_and_after(_with_prior(r.tables), r.header),
+    needs=lambda r: "unknowns" in r.tables and len(_with_prior(r.tables)) > 0,
+)
+
+
+@style.styled
+def consistency_over_time(
+    table: pd.DataFrame, header: str, conditions: Sequence[str] = ()
+) -> Figure:
+    """
+    NEES of the fleet and innovations of its ranges, divided by their degrees of freedom, at the
+    fixed epochs.
+
+    ``conditions`` are all conditions of the run, so that colours do not depend on the rows of the
+    table.
+    """
+    tested = list(dict.fromkeys(table["condition"]))
+    every = style.condition_looks(list(dict.fromkeys([*conditions, *tested])))
+    looks = {name: every[name] for name in tested}
+    lines = style.legend_lines(len(looks) + 2)
+    tables = [table[table["statistic"] == key] for key, _ in _PANELS]
+    ratio = np.concatenate([part["ratio"].to_numpy() for part in tables])
+    log = bool(ratio.size) and bool(
+        ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH
+    )
+    rows = 2 if log else 1
+    figure = style.new_figure(style.DOUBLE, 0.75 + 1.6 * rows + 0.14 * lines, header)
+    grid = figure.subplots(rows, len(_PANELS), sharex=True, squeeze=False)
+    for c, (part, (_, title)) in enumerate(zip(tables, _PANELS, strict=True)):
+        style.panel_title(grid[0, c], "ab"[c], title)
+        for axes in grid[:, c]:
+            _draw(axes, part, looks)
+        grid[-1, c].set_xlabel("Time [h]")
+        if log:
+            style.panel_title(grid[1, c], "cd"[c], "the same, near the bounds")
+            grid[0, c].set_yscale("log")
+            style.short_numbers(grid[0, c].yaxis)
+            if len(part):
+                reach = _ZOOM * float(np.maximum(part["high"] - 1.0, 1.0 - part["low"]).max())
+                grid[1, c].set_ylim(max(1.0 - reach, 0.0), 1.0 + reach)
+    hours = np.unique(np.concatenate([part["time_h"].to_numpy() for part in tables]))
+    if 0 < hours.size <= _TICKS:
+        grid[-1, 0].set_xticks(hours)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("NEES / degrees of freedom")
+    for axes in grid[:, 1]:
+        axes.set_ylabel("NIS / degrees of freedom")
+    point = {"markersize": 3.6}
+    labels = style.condition_labels(list(looks))
+    handles = [
+        style.entry(
+            labels[name],
+            color=colour,
+            marker=marker,
+            linewidth=0.9,
+            **point,
+        )
+        for name, (colour, marker) in looks.items()
+    ]
+    outside = {
+        "color": style.INK,
+        "marker": "o",
+        "markerfacecolor": "white",
+        "linestyle": "none",
+        **point,
+    }
+    band = Patch(color=style.BAND, label="95 % bounds")
+    style.common_legend(figure, [*handles, band, style.entry("outside its bounds", **outside)])
+    return figure
+
+
+def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
+    if table.empty:
+        style.note(axes, "no usable solve")
+        return
+    axes.axhline(1.0, color=style.GREY, linewidth=0.8)
+    hours = np.unique(table["time_h"].to_numpy())
+    step = float(np.diff(hours).min()) if hours.size > 1 else 1.0
+    first = float(hours[0]) - 0.5 * step
+    last = float(hours[-1]) + 0.5 * step
+    bounds = (
+        table.sort_values("degrees_of_freedom", kind="stable")
+        .groupby("time_h")[["low", "high"]]
+        .last()
+    )
+    edges = np.concatenate([[first], 0.5 * (hours[1:] + hours[:-1]), [last]])
+    low, high = (bounds[side].to_numpy() for side in ("low", "high"))
+    axes.fill_between(
+        edges, [*low, low[-1]], [*high, high[-1]], step="post", color=style.BAND, linewidth=0.0
+    )
+    shown = [name for name in looks if (table["condition"] == name).any()]
+    dodge = min(_DODGE * (last - first), 0.5 * step / len(shown))
+    for i, name in enumerate(shown):
+        part = table[table["condition"] == name]
+        colour, marker = looks[name]
+        x = part["time_h"] + (i - 0.5 * (len(shown) - 1)) * dodge
+        axes.plot(x, part["ratio"], color=colour, linewidth=0.9)
+        for inside in (True, False):
+            chosen = part["inside"].to_numpy() == inside
+            look: Any = {
+                "color": colour,
+                "markerfacecolor": colour if inside else "white",
+                "markersize": 3.6,
+            }
+            axes.plot(x[chosen], part["ratio"][chosen], marker, **look)
+    axes.set_xlim(first, last)
+
+
+register(
+    "consistency",
+    place=60,
+    caption="Consistency over {r.realizations} at fixed epochs: (a) normalized squared error of"
+    " the fleet's horizontal positions with their joint covariance, (b) normalized squared"
+    " innovation of the ranges of a ping, each divided by its degrees of freedom; (c, d), if"
+    " present, show the same near the bounds. A consistent estimator has a mean of 1 and lies"
+    " within the grey 95 % bounds; empty markers are outside.",
+    draw=lambda r: consistency_over_time(
+        r.tables["consistency_per_epoch"].frame, r.header, list(r.errors)
+    ),
+    needs=lambda r: "consistency_per_epoch" in r.tables,
 )

@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-un
 
 from pymantaray.apps.study.figures.register import range_ends, register
 from pymantaray.arrays import Array
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.status import ARRIVES
 
@@ -86,7 +86,16 @@ def fleet_layout(
     time = figure.add_axes(place(*layout.time))
     draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
-    _draw_solid(solid, truth, measurements, colours)
+    deepest = truth.position[:, :, 2].max(axis=1) / 1e3
+    feet = truth.position[:, 0] / 1e3
+    feet[:, 2] = deepest
+    for i, colour in enumerate(colours):
+        start = truth.position[i, 0] / 1e3
+        foot = feet[i]
+        _line(solid, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
+        _line(solid, truth.position[i] / 1e3, color=colour, linewidth=0.7)
+        solid.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
+    _finish(solid, truth, measurements, feet)
     draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
     title = "(b) start, greatest depth and track"
@@ -192,24 +201,8 @@ def draw_plan(
     axes.plot(places[:, 1], places[:, 0], "^", color=style.INK, markersize=4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
-    axes.set_xlabel("East [km]")
-    axes.set_ylabel("North [km]")
+    axes.set(xlabel="East [km]", ylabel="North [km]")
     _write_names(axes, np.concatenate([starts, places])[:, ::-1], _all_marks(truth, measurements))
-
-
-def _draw_solid(
-    axes: Axes3D, truth: Trajectories, measurements: Measurements, colours: list[str]
-) -> None:
-    deepest = truth.position[:, :, 2].max(axis=1) / 1e3
-    feet = truth.position[:, 0] / 1e3
-    feet[:, 2] = deepest
-    for i, colour in enumerate(colours):
-        start = truth.position[i, 0] / 1e3
-        foot = feet[i]
-        _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
-        _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
-        axes.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
-    _finish(axes, truth, measurements, feet)
 
 
 def draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
@@ -218,10 +211,12 @@ def draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
     for path, colour in zip(truth.position[:, :, 2], colours, strict=True):
         axes.plot(hours, path, color=colour, linewidth=0.9)
     deepest = float(truth.position[:, :, 2].max())
-    axes.set_ylim(1.06 * max(deepest, 1.0), -0.04 * deepest)
-    axes.set_xlim(hours[0], hours[-1])
-    axes.set_xlabel("Time [h]")
-    axes.set_ylabel("Depth [m]")
+    axes.set(
+        ylim=(1.06 * max(deepest, 1.0), -0.04 * deepest),
+        xlim=(hours[0], hours[-1]),
+        xlabel="Time [h]",
+        ylabel="Depth [m]",
+    )
 
 
 def _line(axes: Axes3D, path: Array, **look: object) -> None:
@@ -292,9 +287,11 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks
     span = np.maximum(1.08 * (high - low), [0.5 * (high - low)[:2].max()] * 2 + [1e-3])
     span[:2] = np.maximum(span[:2], 1e-2)
     middle = 0.5 * (low + high)
-    axes.set_xlim(middle[1] - 0.5 * span[1], middle[1] + 0.5 * span[1])
-    axes.set_ylim(middle[0] - 0.5 * span[0], middle[0] + 0.5 * span[0])
-    axes.set_zlim(max(float(high[2]), _SHALLOWEST) * 1.02, 0.0)
+    axes.set(
+        xlim=(middle[1] - 0.5 * span[1], middle[1] + 0.5 * span[1]),
+        ylim=(middle[0] - 0.5 * span[0], middle[0] + 0.5 * span[0]),
+        zlim=(max(float(high[2]), _SHALLOWEST) * 1.02, 0.0),
+    )
     widest = span[:2].max()
     axes.set_box_aspect((span[1] / widest, span[0] / widest, 0.55), zoom=1.12)
     axes.view_init(elev=22.0, azim=-58.0)
@@ -305,9 +302,7 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks
         axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
     for axis, share in zip("xyz", (*span[[1, 0]] / widest, 1.0), strict=True):
         axes.locator_params(axis=axis, nbins=max(2, round(5 * share)))
-    axes.set_xlabel("East [km]")
-    axes.set_ylabel("North [km]")
-    axes.set_zlabel("Depth [m]")
+    axes.set(xlabel="East [km]", ylabel="North [km]", zlabel="Depth [m]")
     axes.zaxis.set_major_formatter(FuncFormatter(lambda km, _: f"{1e3 * km:g}"))  # as in (c)
     axes.apply_aspect()
     x, y, _ = proj_transform(*np.concatenate([marks, places])[:, _ENU].T, axes.get_proj())

@@ -2,7 +2,7 @@
 
 from pymantaray.apps.study.figures.register import RunResults, register
 from pymantaray.jobs.run_folder import RAY_PICTURE
-from pymantaray.pages.water import ray_picture, sound_speed_profiles
+from pymantaray.plotting.water import ray_picture, sound_speed_profiles
 
 
 def _caption_of_rays(results: RunResults) -> str:

@@ -10,7 +10,6 @@ from textwrap import fill
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
@@ -22,7 +21,7 @@ from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.estimation import collect_estimates, solve_conditions
 from pymantaray.evaluation import error_table, range_error_table
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.sensing import assemble, perturb
 
 STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
@@ -126,35 +125,33 @@ def pipeline(header: str) -> Figure:
             FancyArrowPatch(path=paths[-1], arrowstyle="-|>", mutation_scale=8, **_ARROW)
         )
     extent = Bbox.union([path.get_extents() for path in paths])
-    axes.set_xlim(-0.5, max(column) + 0.5)
-    axes.set_ylim(max(extent.y1, 0.85) + 0.05, min(extent.y0, -0.85) - 0.05)
+    axes.set(
+        xlim=(-0.5, max(column) + 0.5),
+        ylim=(max(extent.y1, 0.85) + 0.05, min(extent.y0, -0.85) - 0.05),
+    )
     for spot, (folder, words, function) in zip(spots, STAGES, strict=True):
         made = " ".join(
             record.__name__ for record in records_of(get_type_hints(function)["return"])[:1]
         )
-        _draw_stage(axes, spot, folder, words, made)
+        # draw the box of a stage: folder, description, and the record that it returns
+        x, y = spot
+        width, height = _SIZE
+        box = FancyBboxPatch(
+            (x - width / 2.0, y - height / 2.0),
+            width,
+            height,
+            boxstyle="round,pad=0,rounding_size=0.06",
+            facecolor=_COLOURS[folder],
+            edgecolor=style.INK,
+            linewidth=0.7,
+            zorder=3,
+        )
+        axes.add_patch(box)
+        write = partial(axes.text, x, ha="center", va="center", zorder=4, fontsize=6.0)
+        write(y - 0.22, folder, fontweight="bold")
+        write(y, fill(words, 14))
+        write(y + 0.24, made, color=style.GREY, fontstyle="italic")
     return figure
-
-
-def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, made: str) -> None:
-    """Draw the box of a stage: folder, description, and the record that it returns."""
-    x, y = spot
-    width, height = _SIZE
-    box = FancyBboxPatch(
-        (x - width / 2.0, y - height / 2.0),
-        width,
-        height,
-        boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=_COLOURS[folder],
-        edgecolor=style.INK,
-        linewidth=0.7,
-        zorder=3,
-    )
-    axes.add_patch(box)
-    write = partial(axes.text, x, ha="center", va="center", zorder=4, fontsize=6.0)
-    write(y - 0.22, folder, fontweight="bold")
-    write(y, fill(words, 14))
-    write(y + 0.24, made, color=style.GREY, fontstyle="italic")
 
 
 def route(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.apps.study.figures.register import range_ends, register
 from pymantaray.arrays import Array
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 
@@ -132,10 +132,8 @@ def dropout_map(
         if not status.size:
             style.note(axes, "no range was attempted")
     distance, depths = places
-    distance.set_xlabel("Straight distance [km]")
-    distance.set_ylabel("Depth difference [m]")
-    depths.set_xlabel("Depth of the shallower end [m]")
-    depths.set_ylabel("Depth of the deeper end [m]")
+    distance.set(xlabel="Straight distance [km]", ylabel="Depth difference [m]")
+    depths.set(xlabel="Depth of the shallower end [m]", ylabel="Depth of the deeper end [m]")
     depths.invert_yaxis()
     style.panel_title(distance, "a", "attempts by distance")
     style.panel_title(depths, "b", "attempts by depth")
@@ -171,8 +169,7 @@ def draw_range_errors(axes: Axes, values: Array, *, log: bool = False) -> Array:
     errors.
     """
     errors = values[np.isfinite(values)]
-    axes.set_xlabel("Range error, refracted − straight [m]")
-    axes.set_ylabel("Ranges in a bin")
+    axes.set(xlabel="Range error, refracted − straight [m]", ylabel="Ranges in a bin")
     _draw_histogram(axes, errors)
     if log:
         axes.set_yscale("log")

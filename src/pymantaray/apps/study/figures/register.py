@@ -27,8 +27,8 @@ from pymantaray.arrays import Array
 from pymantaray.entry_points import FIGURES, Extension, current_extension, extensions
 from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
-from pymantaray.pages.drawing import FigureSpec, with_source
-from pymantaray.pages.style import ocean_header, ocean_name
+from pymantaray.plotting.drawing import FigureSpec, with_source
+from pymantaray.plotting.style import ocean_header, ocean_name
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.digits import counted
 
@@ -222,7 +222,7 @@ def _guarded_spec(
     guard = partial(_guard, owner, f"fails in its figure {entry.name!r}")
     try:
         with guard():
-            spec = entry.spec(_copy_of(results), of_mission=of_mission)
+            spec = entry.spec(deepcopy(results), of_mission=of_mission)
             if spec is not None:
                 f"{spec.caption}{spec.paper}".encode()
     except ExtensionError as error:
@@ -244,11 +244,6 @@ def _failed_spec(name: str, error: ExtensionError) -> FigureSpec:
         raise ExtensionError(*error.args)
 
     return FigureSpec(name, "", fail)
-
-
-def _copy_of(results: RunResults) -> RunResults:
-    """Copy of results that a figure of another package cannot change, with what is computed."""
-    return deepcopy(results)
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """
-Effect of refraction on estimated positions: errors pooled by condition, and over time by vehicle.
+Effect of refraction on estimated positions: errors at a glance, pooled by condition, by vehicle,
+and over time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -7,14 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
+from pymantaray.apps.study.figures.ranging import draw_range_errors
 from pymantaray.apps.study.figures.register import RunResults, register
 from pymantaray.arrays import Array
-from pymantaray.pages import style
+from pymantaray.plotting import style
 
 _LOG_BINS = 100
 _LINEAR_BINS = 60
@@ -23,6 +26,9 @@ _AXIS_RATIO = (
     3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
 )
 _SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
+_MAX_NAMED_VEHICLES = 30  # vehicles whose names fit below the axis
+_LETTERS = 14  # of names in an inch of the axis
+_GROUP = 0.8  # width of the markers of a vehicle, in distances between vehicles
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +229,7 @@ def draw_error_distribution(
     colour = style.condition_looks(list(errors))[condition][0]
     label = style.condition_labels(list(errors))[condition]
     _ridge(axes, finite[condition], _ape_edges([finite], log=log), (label, colour), log=log)
-    axes.set_xlabel("Absolute position error [m]")
-    axes.set_ylabel("Share of poses in a bin [%]")
+    axes.set(xlabel="Absolute position error [m]", ylabel="Share of poses in a bin [%]")
 
 
 def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
@@ -307,4 +312,99 @@ register(
     draw=lambda r: _error_over_time_of(r, style.DOUBLE),
     column=lambda r: _error_over_time_of(r, style.COLUMN),
     needs=lambda r: r.run.study.solves,
+)
+
+
+@style.styled
+def refraction(ranges: Array, errors: Mapping[str, Array], header: str) -> Figure:
+    """Histogram of range errors, and mean and quartiles of the position errors by condition."""
+    figure = style.new_figure(style.DOUBLE, 2.2, header)
+    counts, *others = figure.subplots(1, 2 if errors else 1, squeeze=False)[0]
+    draw_range_errors(counts, ranges)
+    style.panel_title(counts, "a", "range error")
+    style.common_legend(figure, counts.get_legend_handles_labels()[0])
+    for axes in others:
+        looks = style.condition_looks(list(errors))
+        for row, (name, values) in enumerate(errors.items()):
+            usable = values[np.isfinite(values)]
+            if usable.size:
+                colour = looks[name][0]
+                axes.hlines(row, *np.quantile(usable, [0.25, 0.75]), color=colour, linewidth=2.0)
+                axes.plot(usable.mean(), row, "o", color=colour, markersize=5.0)
+        axes.set_xscale("log")
+        style.short_numbers(axes.xaxis)
+        names = [style.plain(style.short(style.condition_label(name), 22)) for name in errors]
+        axes.set_yticks(range(len(names)), names)
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("Position error [m]")
+        style.panel_title(axes, "b", "position error: mean (dot), quartiles (line)")
+    return figure
+
+
+def _errors(results: RunResults) -> Mapping[str, Array]:
+    return shown_over_time(results) if results.run.study.solves else {}
+
+
+register(
+    "refraction",
+    place=0,
+    caption=lambda r: (
+        "Effect of refraction. (a) Error of each range, refracted minus straight."
+        + (" (b) Position errors over all vehicles, times and realizations." if _errors(r) else "")
+    ),
+    draw=lambda r: refraction(r.ranges.total, _errors(r), r.header),
+)
+
+
+@style.styled
+def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
+    """RMSE and quartiles of the position error of each vehicle under each condition."""
+    conditions = list(dict.fromkeys(table["condition"]))
+    below = 0.14 * style.legend_lines(len(conditions))
+    figure = style.new_figure(style.DOUBLE, 2.3 + below, header)
+    axes = figure.subplots()
+    draw_vehicle_errors(axes, table)
+    style.common_legend(figure, axes.get_legend_handles_labels()[0])
+    return figure
+
+
+def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
+    """
+    Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, with conditions next
+    to each other.
+    """
+    vehicles = list(dict.fromkeys(table["vehicle"]))
+    conditions = list(dict.fromkeys(table["condition"]))
+    looks = style.condition_looks(conditions)
+    labels = style.condition_labels(conditions)
+    for k, condition in enumerate(conditions):
+        rows = table[table["condition"] == condition].set_index("vehicle").reindex(vehicles)
+        x = np.arange(len(vehicles)) + _GROUP * ((k + 0.5) / len(conditions) - 0.5)
+        colour = looks[condition][0]
+        axes.vlines(x, rows["p25_m"], rows["p75_m"], color=colour, linewidth=1.4, alpha=0.5)
+        axes.plot(x, rows["rmse_m"], "o", color=colour, markersize=3.5, label=labels[condition])
+    axes.set_yscale("log")
+    style.short_numbers(axes.yaxis)
+    axes.grid(visible=False, axis="x")
+    axes.set_xlim(-0.6, len(vehicles) - 0.4)
+    names = [style.plain(style.short(str(name), 12)) for name in vehicles]
+    upright = sum(map(len, names)) + 2 * len(names) > style.DOUBLE * _LETTERS
+    axes.set_xticks(range(len(vehicles)), names, rotation=90 if upright else 0)
+    axes.set(xlabel="Vehicle", ylabel="Position error [m]")
+
+
+def _shown(results: RunResults) -> bool:
+    if not results.run.study.solves or len(results.run.truth.name) > _MAX_NAMED_VEHICLES:
+        return False
+    return bool(results.tables["ate_per_vehicle"].frame["rmse_m"].notna().any())
+
+
+register(
+    "error_by_vehicle",
+    place=45,
+    caption="Position error of each vehicle over all times and {r.realizations}, by ranging"
+    " condition: RMSE (dots) and quartiles (lines).",
+    draw=lambda r: error_by_vehicle(r.tables["ate_per_vehicle"].frame, r.header),
+    needs=_shown,
 )

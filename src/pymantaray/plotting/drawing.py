@@ -1,55 +1,57 @@
-"""Drawing of the figures of a page, and its files in a folder."""
+"""Figures of a report, before and after they are drawn, and the drawing of them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
 from pymantaray.errors import ExtensionError, ReportError
-from pymantaray.jobs.folder import staged_folder, write_json
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.drawing import FigureSpec, Picture
-from pymantaray.pages.folder import FIGURE_KINDS, FORMATS, ONE_COLUMN, PAGE, write_files
-from pymantaray.pages.page import Page
-from pymantaray.pages.style import legend_entries, rendered
+from pymantaray.plotting.formats import FIGURE_KINDS, FIGURES, ONE_COLUMN
+from pymantaray.plotting.style import legend_entries, rendered
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
 
 
-def write_page(
-    out: str | Path | None,
-    name: str,
-    specs: Sequence[FigureSpec],
-    page_of: Callable[[Sequence[Picture], dict[str, Any]], Page],
-    record: dict[str, Any],
-    formats: Sequence[str],
-    progress: Progress | None,
-    others: Callable[[Path], object] = lambda _: None,
-) -> Path:
+class Picture(NamedTuple):
     """
-    Draw figures, and write them with their page and its tables into a new folder; return the page.
-
-    A record of the origin becomes ``NAME.json``; ``others`` writes more files into a folder.
+    A drawn figure: size on the page [px], files by kind, signs, colours and words of its legend,
+    counterpart in the paper, folder.
     """
-    checked_formats(formats)
-    with staged_folder(out, name, latest=False) as (stage, folder):
-        pictures = draw(specs, formats=formats, progress=progress)
-        write_files(stage, page_of(pictures, record).linked_from(folder).files(formats))
-        others(stage)
-        if record:
-            write_json(record, stage / f"{name}.json")
-    return folder / PAGE
+
+    name: str
+    caption: str
+    width: int
+    height: int
+    files: Mapping[str, bytes]
+    legend: Sequence[tuple[str, str, str]] = ()
+    paper: str = ""
+    folder: str = f"{FIGURES}/"
 
 
-def checked_formats(formats: Sequence[str]) -> Sequence[str]:
-    """Formats of a report; raise an error for an unknown one."""
-    for name in formats:
-        if name not in FORMATS:
-            raise ReportError(f"format {name!r}: unknown; allowed: {', '.join(FORMATS)}")
-    return formats
+@dataclass(frozen=True)
+class FigureSpec:
+    """
+    A figure of a report: file name without suffix, caption, function that draws it, counterpart in
+    the paper, and function that draws it for one column of a journal, if it needs another layout.
+    """
+
+    name: str
+    caption: str
+    draw: Callable[[], Figure]
+    paper: str = ""
+    column: Callable[[], Figure] | None = None
+    guard: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Context in which it is drawn: that of another package, if it is from one."""
+
+
+def with_source(caption: str, *, synthetic: bool) -> str:
+    """Caption with a remark if the ocean is synthetic."""
+    return f"{caption} Synthetic ocean." if synthetic else caption
 
 
 def draw(

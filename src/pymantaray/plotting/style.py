@@ -107,7 +107,7 @@ _COMPRESSION = 7  # of a PNG; 9 takes six times as long for 6 % less
 _EXACT_COLOURS = 64  # of 256 in a picture of few
 _HEADER_GAP = 6.0  # points between a header and a legend on its line
 
-with as_file(files("pymantaray.pages") / "mantaray.mplstyle") as _file:
+with as_file(files("pymantaray.plotting") / "mantaray.mplstyle") as _file:
     _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
-from pymantaray.pages import style
+from pymantaray.plotting import style
 
 _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
 UPPER_DEPTH = 500.0  # m; depth of the upper panels of profiles and sections
@@ -116,9 +116,7 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
         _draw_boundaries(axes, picture)
         _draw_rays(axes, picture)
         _draw_ends(axes, picture, lowest)
-        axes.set_xlim(km[0], km[-1])
-        axes.set_ylim(lowest, rows[0])
-        axes.set_ylabel("Depth [m]")
+        axes.set(xlim=(km[0], km[-1]), ylim=(lowest, rows[0]), ylabel="Depth [m]")
     panels[-1].set_xlabel("Horizontal range [km]")
     figure.colorbar(mesh, ax=panels.tolist(), label="Sound speed [m/s]", pad=0.015, aspect=30)
     style.common_legend(figure, handles, handlelength=2.4)

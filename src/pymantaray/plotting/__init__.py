@@ -1,0 +1,1 @@
+"""Figures: style, colours, drawings of water, and files."""
