@@ -1,5 +1,6 @@
 """Tables of trajectories and pings: units, attitudes, time zones, and what is refused."""
 
+import gsw
 import numpy as np
 import pandas as pd
 import pytest
@@ -237,8 +238,8 @@ REFUSED = {
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
     r"m.csv: column 'Heading \[gon\]' has unit 'gon'; allowed: rad, radians, deg, degrees": text(
         "time,north,east,depth,Heading [gon]\n0,0,0,0,0\n1,0,0,0,0"),
-    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m, km": (
-        text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0")
+    r"m.csv: column 'depth\(fathom\)' has unit 'fathom'; allowed: m, km, cm, mm, ft, feet, dbar": (
+        text("time,north,east,depth(fathom)\n0,0,0,0\n1,0,0,0")
     ),
     "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
@@ -366,3 +367,38 @@ def test_times_in_days_are_refused(place, tmp_path):
 def test_a_vehicle_over_the_antimeridian_is_not_fast(tmp_path):
     (tmp_path / "m.csv").write_text("time,lat,lon,depth\n0,0,179.999,10\n100,0,-179.999,10\n")
     assert read_trajectories(tmp_path / "m.csv").names == ["m"]
+
+
+DEPTHS = {
+    "depth_cm": 100.0,
+    "depth [ft]": 1.0 / 0.3048,
+    "depth (mm)": 1000.0,
+    "depth_km": 1e-3,
+}
+
+
+@pytest.mark.parametrize("title", [*DEPTHS, "pressure_dbar", "depth [dbar]", "pressure [kPa]"])
+def test_depths_are_metres_whatever_their_unit(tmp_path, title):
+    lat, depth = 71.0 + 1e-4 * np.arange(5), np.linspace(10.0, 400.0, 5)
+    pressure = gsw.p_from_z(-depth, lat)
+    factor = {"pressure [kPa]": 10.0}.get(title, 1.0)
+    values = DEPTHS[title] * depth if title in DEPTHS else factor * pressure
+    frame = pd.DataFrame({"time": np.arange(5.0), "lat": lat, "lon": 8.0, title: values})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (poses,) = read_trajectories(tmp_path / "a.csv").poses
+    np.testing.assert_allclose(poses.place[:, 2], depth, atol=1e-6)
+
+
+def test_pressures_need_a_latitude(tmp_path):
+    frame = pd.DataFrame({"time": np.arange(5.0), "north": 0.0, "east": 0.0, "depth_dbar": 5.0})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(ExchangeError, match="pressures become depths by the latitude"):
+        read_trajectories(tmp_path / "a.csv")
+
+
+def test_radians_of_a_column_are_named(tmp_path):
+    lat, lon = np.radians([71.0, 71.001]), np.radians([8.0, 8.001])
+    frame = pd.DataFrame({"time": [0.0, 60.0], "lat_rad": lat, "lon_rad": lon, "depth": 5.0})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    (poses,) = read_trajectories(tmp_path / "a.csv").poses
+    np.testing.assert_allclose(poses.place[:, 0], [71.0, 71.001], atol=1e-9)

@@ -26,6 +26,8 @@ from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
 
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
+_DEPTHS = _METRES | {"cm": 0.01, "mm": 0.001, "ft": 0.3048, "feet": 0.3048}
+_DECIBARS = {"dbar": 1.0, "bar": 10.0, "kpa": 0.1, "mpa": 100.0, "pa": 1e-4, "psi": 0.6894757293168}
 _IN_DEGREES = 180.0 / np.pi
 _DEGREES = {
     "": 1.0,
@@ -43,7 +45,8 @@ _COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
     "lon": ("lon longitude", _DEGREES),
     "north": ("north", _METRES),
     "east": ("east", _METRES),
-    "depth": ("depth down", _METRES),
+    "depth": ("depth down", _DEPTHS),
+    "pressure": ("pressure depth", _DECIBARS),
     "qw": ("qw", _NO_UNIT),
     "qx": ("qx", _NO_UNIT),
     "qy": ("qy", _NO_UNIT),
@@ -61,11 +64,10 @@ _TITLES = {
     for name in names.split()
     for unit, factor in units.items()
 }
-_UNITS = {
-    name: [unit for unit in units if unit]
-    for names, units in _COLUMNS.values()
-    for name in names.split()
-}
+_UNITS: dict[str, list[str]] = {}
+for _names, _units in _COLUMNS.values():
+    for _name in _names.split():
+        _UNITS.setdefault(_name, []).extend(unit for unit in _units if unit)
 _LATITUDE_UNIT = re.compile(r"lat(itude)?[\W_]+(deg|rad)", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
@@ -115,8 +117,14 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     place = ["north", "east"]
     if {"lat", "lon"} <= there or ({"lat", "lon"} & there and not {"north", "east"} & there):
         place = ["lat", "lon"]
+    depth = "pressure" if "pressure" in there and "depth" not in there else "depth"
+    if depth == "pressure" and place[0] != "lat":
+        raise ExchangeError(
+            f"{path}: pressures become depths by the latitude, but positions are north"
+            " and east; give lat and lon, or depths in metres"
+        )
     try:
-        table.require(["time", *place, "depth", *({"vehicle"} & there)])
+        table.require(["time", *place, depth, *({"vehicle"} & there)])
     except RecordError as error:
         raise ExchangeError(
             f"{error}; a trajectory needs time, lat and lon or north and east, and depth; optional"
@@ -125,10 +133,14 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     whole = set(_QUATERNION) <= there
     angles = [n for n in factors if n in (_QUATERNION if whole else _ANGLES) or n == "convergence"]
     table = table.readable(
-        invalid, times=["time"], numbers=[*place, "depth", *angles], words={"vehicle"} & there
+        invalid, times=["time"], numbers=[*place, depth, *angles], words={"vehicle"} & there
     )
     invalid.refuse_most(len(table.frame), ExchangeError)
-    place_of = _numbers(table, factors, [*place, "depth"])
+    place_of = _numbers(table, factors, [*place, depth])
+    if depth == "pressure":
+        import gsw
+
+        place_of[:, 2] = -gsw.z_from_p(place_of[:, 2], place_of[:, 0])
     time = table.times("time")
     quaternion = _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
