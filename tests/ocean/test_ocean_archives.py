@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 from pymantaray import open_water
+from pymantaray.errors import MantaRayError
 from pymantaray.ocean import read_cast, read_casts
 
 DEPTH = np.array([0.0, 10.0, 50.0, 120.0, 300.0])
@@ -206,3 +207,34 @@ def test_water_of_archives_needs_no_option(tmp_path):
     water = open_water(single, bathymetry=300.0)
     assert water.uniform
     assert water.name == "AB12/St0"
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"cast": "AB12/St1"}, "AB12/St1"),
+        ({"cast": "nearest", "centre": (70.4, -150.0)}, "AB12/St0"),
+        ({"cast": "nearest", "centre": (71.2, -179.9)}, "AB12/St1"),
+    ],
+)
+def test_one_cast_of_many_is_chosen_by_name_or_place(tmp_path, options, name):
+    water = open_water(odv(tmp_path / "odv.txt"), bathymetry=300.0, **options)
+    assert water.name == name
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_casts_at_one_place_are_chosen_by_time(tmp_path, monkeypatch, k):
+    monkeypatch.setattr(f"{__name__}.PLACES", [PLACES[0], PLACES[0]])
+    path = odv(tmp_path / "odv.txt")
+    chosen = {"cast": "nearest", "centre": PLACES[0], "time": TIMES[k]}
+    assert open_water(path, bathymetry=300.0, **chosen).name == f"AB12/St{k}"
+
+
+def test_a_cast_that_is_not_there_is_refused(tmp_path):
+    path = odv(tmp_path / "odv.txt")
+    with pytest.raises(MantaRayError, match=r"no casts are named 'x'; available: AB12/St0"):
+        open_water(path, bathymetry=300.0, cast="x")
+    with pytest.raises(MantaRayError, match="the nearest cast needs a centre"):
+        open_water(path, bathymetry=300.0, cast="nearest")
+    with pytest.raises(MantaRayError, match="select it by name or place with --cast"):
+        open_water(path, bathymetry=300.0)

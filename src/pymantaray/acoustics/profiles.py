@@ -141,8 +141,8 @@ def only_one(source: object, casts: Sequence[NamedT], error: type[MantaRayError]
     """Return the only cast of a source; several raise an error that names them."""
     if len(casts) > 1:
         raise error(
-            f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed; keep"
-            " one"
+            f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed;"
+            " select it by name or place with --cast (in a study: ocean.cast)"
         )
     return casts[0]
 

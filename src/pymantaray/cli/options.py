@@ -458,6 +458,14 @@ class GridOptions:
             " atlas. Default for an atlas: the first.",
         ),
     ] = None
+    cast: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|nearest",
+            help="Cast of a file with several: its name, or the nearest to --centre, and there to"
+            " --time.",
+        ),
+    ] = None
     bearing: Annotated[
         float | None,
         typer.Option(
@@ -505,6 +513,7 @@ class GridOptions:
             if self.half_extent is None
             else tuple(metres_of("--half-extent", side) for side in self.half_extent),
             time=_instant(self.time[0]) if self.time else None,
+            cast=self.cast,
             bearing=self.bearing,
             repair_freezing=self.repair_freezing or None,
             names=dict(map(_named, self.name)) if self.name else None,

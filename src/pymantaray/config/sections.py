@@ -318,6 +318,11 @@ class OceanSection(Section):
     CF standard names of the files' variables that lack one, such as
     ``temp=sea_water_potential_temperature``.
     """
+    cast: str | None = Field(default=None, min_length=1)
+    """
+    Name of the cast to use of files with several casts, or ``"nearest"`` to the centre; of those
+    within 1 km of the nearest, the one nearest in time. Default: all casts; a study needs one.
+    """
     bearing: Degrees[float] | None = Field(default=None, ge=-360.0, le=360.0)
     """
     Direction of a section of sound speed by range and depth, clockwise from north. Default: 0.

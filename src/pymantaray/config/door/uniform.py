@@ -11,6 +11,7 @@ import xarray as xr
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import (
     Profile,
+    names_of,
     only_one,
     read_profiles,
     reduce_profile,
@@ -27,10 +28,14 @@ from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
+from pymantaray.records.position_rows import distances
 
 UNBOUNDED = 1e6
 """Default half side of the domain of a profile. [m]"""
 _MAX_GAP = 100.0  # m; a larger distance between the end of a profile and the sea bed causes a note
+NEAREST = "nearest"
+"""Value of ``ocean.cast`` for the cast nearest to the centre."""
+_SAME_STATION = 1000.0  # m; casts at most this much farther than the nearest are compared by time
 _NODES = 65  # per horizontal axis under a map of ice
 
 
@@ -46,15 +51,43 @@ class UniformWater:
 
 def read_section_profiles(section: OceanSection) -> list[Profile]:
     """
-    Read the profiles of a section's files; the place of the section applies to files without a
-    place.
+    Read the profiles of a section's files, or the one that it selects; the place of the section
+    applies to files without a place.
     """
+    place = None if section.cast == NEAREST else section.centre
     repair = section.repair_freezing
-    return [
-        p
-        for path in section.source
-        for p in read_profiles(path, section.centre, repair_freezing=repair)
+    profiles = [
+        p for path in section.source for p in read_profiles(path, place, repair_freezing=repair)
     ]
+    if section.cast is None:
+        return profiles
+    named = [profile for profile in profiles if profile.name == section.cast]
+    if named or section.cast != NEAREST:
+        if len(named) == 1:
+            return named
+        raise AcousticsError(
+            f"{section.source[0]}: {len(named) or 'no'} casts are named {section.cast!r};"
+            f" available: {names_of(profiles)}"
+        )
+    return [_nearest(profiles, section)]
+
+
+def _nearest(profiles: list[Profile], section: OceanSection) -> Profile:
+    """Profile nearest to the centre of a section; of several there, the nearest in time."""
+    located = [profile for profile in profiles if profile.place is not None]
+    if section.centre is None or not located:
+        raise AcousticsError(
+            f"{section.source[0]}: the nearest cast needs a centre (--centre) and casts with"
+            " positions; give the centre, or the name of a cast"
+        )
+    places = np.array([profile.place for profile in located])
+    apart = distances(places, np.array(section.centre)[None], geographic=True)
+    near = np.flatnonzero(apart <= apart.min() + _SAME_STATION)
+    if section.time is None or near.size == 1:
+        return located[int(apart.argmin())]
+    wanted = utc_instant(section.time)
+    late = [abs(located[k].time - wanted) for k in near]  # NaT sorts last
+    return located[int(near[int(np.argsort(np.array(late), kind="stable")[0])])]
 
 
 def one_profile(section: OceanSection) -> Profile:
