@@ -327,9 +327,9 @@ def _whole_rows(
                 path, i, f"{count} cells, but the header has {titles}; check the separators"
             )
         elif width[i] < usual:
-            invalid.add(
-                path, i, f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}"
-            )
+            cut = "; it is the last: the file may be cut off" if i == numbers[-1] else ""
+            reason = f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}{cut}"
+            invalid.add(path, i, reason)
         else:
             whole[i] = rows[i]
     return whole
