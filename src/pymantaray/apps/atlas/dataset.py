@@ -11,7 +11,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.apps.atlas.column import EDGE, LAND, WATER
 from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.apps.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
@@ -21,6 +20,8 @@ from pymantaray.user_files import check_regular
 from pymantaray.version import __version__
 
 FORMAT = "pymantaray atlas 1"
+WATER, LAND, EDGE = 0, 1, 2
+"""Status of a column; `EDGE`: its links do not fit into the data."""
 LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
 """Position of a block in the atlas, and its variables."""
 NOTES = "notes"

@@ -15,7 +15,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.atlas.column import SPLINE
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
 from pymantaray.config.door.ocean import MissionOcean, build_mission_ocean
@@ -35,6 +34,7 @@ from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.records.digits import counted
 
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
+SPLINE = 8  # grid points beyond the domain for interpolation
 _COLUMNS = 16  # per block and axis; 256 columns take ten seconds
 _MAX_POINTS = 160  # grid points per block and axis
 _PROFILE_CELL = 0.1  # degrees; size of the cell of a profile
