@@ -23,7 +23,7 @@ import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.atlas import Atlas, AtlasLinks, run_atlas
-from pymantaray.apps.atlas.column import column_errors, medium_at
+from pymantaray.apps.atlas.blocks import column_errors, medium_at
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import synthetic_ocean, to_local
 from pymantaray.ocean.grid_points import GridPoints

@@ -1,11 +1,11 @@
 """
 Size and order of package and tests.
 
-Per shelf: modules, lines, and lines of code proper (without docstrings, imports, comments and
-blank lines). Then functions that are too long or have too many arguments (keyword-only options
-with a default do not count in a public function), parameters typed as sections of a configuration
-outside `config`, command-line options in texts outside commands, lines above 100 columns, and
-assignments of several values in one statement.
+Per shelf: modules, lines, lines of code proper (without docstrings, imports, comments and blank
+lines), and statements (without docstrings). Then functions that are too long or have too many
+arguments (keyword-only options with a default do not count in a public function), parameters typed
+as sections of a configuration outside `config`, command-line options in texts outside commands,
+lines above 100 columns, and assignments of several values in one statement.
 
 python benchmarks/weight.py [ROOT]
 """
@@ -52,6 +52,19 @@ def code_proper(path: Path) -> int:
         if constant or isinstance(node, ast.Import | ast.ImportFrom):
             lines.difference_update(range(node.lineno, node.end_lineno + 1))
     return len(lines)
+
+
+def statements(path: Path) -> int:
+    """Number of statements other than docstrings."""
+    return sum(
+        isinstance(node, ast.stmt)
+        and not (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        )
+        for node in ast.walk(ast.parse(path.read_text()))
+    )
 
 
 def shelf(path: Path) -> str:
@@ -114,15 +127,16 @@ def print_size(root: Path) -> None:
     package = root / "src" / "pymantaray"
     counts: dict[str, list[int]] = {}
     for file in sorted(package.rglob("*.py")):
-        count = counts.setdefault(shelf(file.relative_to(package)), [0, 0, 0])
+        count = counts.setdefault(shelf(file.relative_to(package)), [0, 0, 0, 0])
         count[0] += 1
         count[1] += len(file.read_text().splitlines())
         count[2] += code_proper(file)
-    print("shelf             modules   lines   code proper")
-    for folder, (modules, lines, code) in sorted(counts.items()):
-        print(f"{folder:16} {modules:8} {lines:7} {code:13}")
-    modules, lines, code = np.sum(list(counts.values()), axis=0)
-    print(f"package: {modules} modules, {lines} lines, {code} of code proper")
+        count[3] += statements(file)
+    print("shelf             modules   lines   code proper   statements")
+    for folder, (modules, lines, code, count) in sorted(counts.items()):
+        print(f"{folder:16} {modules:8} {lines:7} {code:13} {count:12}")
+    modules, lines, code, count = np.sum(list(counts.values()), axis=0)
+    print(f"package: {modules} modules, {lines} lines, {code} of code proper, {count} statements")
     tests = sorted((root / "tests").rglob("*.py"))
     lines = sum(len(path.read_text().splitlines()) for path in tests)
     print(f"tests: {len(tests)} modules, {lines} lines")

@@ -13,7 +13,7 @@ PURE = "a function of numbers and texts"
 MEMORIES = {
     "apps/atlas/blocks.py: _whole": "synthetic oceans only, by name and time",
     "apps/atlas/links.py: _ends": PURE + "; its arrays are read-only",
-    "apps/plan/evaluate.py: _latest": "by the plan's fingerprint, with the content of its files",
+    "apps/plan/evaluate.py: evaluator_of": "by the plan's fingerprint, of its files, too",
     "apps/service/ranging_service.py: __init__": "of one object, by the time in its own water",
     "apps/study/figures/register.py: _REGISTER": "figures by name, which imported modules add",
     "apps/study/mission.py: medium_of_run": "of one run, by the time in its own water",

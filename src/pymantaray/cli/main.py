@@ -72,12 +72,8 @@ def _listed() -> Any:
         if is_group:
             app.add_typer(Commands(help=text), name=name)
         else:
-            app.command(name, help=text)(_nothing)
+            app.command(name, help=text)(lambda: None)
     return typer.main.get_command(app)
-
-
-def _nothing() -> None:
-    """Do nothing: a command that is only listed."""
 
 
 def _empty_root() -> Commands:

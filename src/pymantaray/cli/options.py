@@ -206,19 +206,14 @@ class Commands(typer.Typer):
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
             text = " ".join((inspect.getdoc(function) or "").split())
-            kind = OceanCommand if _has_option(function, "ocean") else Command
-            about: dict[str, Any] = {"cls": kind, "help": text}
+            ocean = inspect.signature(function).parameters.get("ocean")
+            marks = getattr(ocean and ocean.annotation, "__metadata__", ())
+            is_option = any(isinstance(mark, OptionInfo) for mark in marks)
+            about: dict[str, Any] = {"cls": OceanCommand if is_option else Command, "help": text}
             take(name, **(about | settings))(_with_verbosity(function))
             return function
 
         return decorate
-
-
-def _has_option(command: Callable[..., None], name: str) -> bool:
-    """True if a function for typer has an option (not an argument) with a name."""
-    parameter = inspect.signature(command).parameters.get(name)
-    kinds = getattr(parameter and parameter.annotation, "__metadata__", ())
-    return any(isinstance(kind, OptionInfo) for kind in kinds)
 
 
 def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:

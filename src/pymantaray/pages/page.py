@@ -274,6 +274,8 @@ def table_explorer(
     if len(table) > _ROWS:
         table = table.iloc[np.unique(np.linspace(0, len(table) - 1, _ROWS).round().astype(int))]
     names = list(dict.fromkeys([*up, *across, *each]))
+    conditions = list(table["condition"].unique()) if "condition" in table else []
+    looks = style.condition_looks(conditions)  # as on all figures
     content = as_json(
         {
             "columns": {name: _values(table[name], number=name in up) for name in names},
@@ -284,20 +286,10 @@ def table_explorer(
             "first": each[0] if each else "",
             "lines": lines,
             "colours": style.vehicle_colours(11),
-            "own": _condition_colours(table),
+            "own": {name: colour for name, (colour, _) in looks.items()},
         }
     )
     return Explorer("table", content)
-
-
-def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
-    """Colour of each condition, as on all figures."""
-    if "condition" not in table:
-        return {}
-    return {
-        name: colour
-        for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
-    }
 
 
 def _values(column: "pd.Series[Any]", *, number: bool) -> list[object]:

@@ -15,7 +15,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.atlas import AtlasLinks
-from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
+from pymantaray.apps.atlas.blocks import SPLINE, column_errors, medium_at
 from pymantaray.apps.atlas.links import CONVENTIONS
 from pymantaray.config import parse_study
 from pymantaray.config.door.ocean import build_ocean

@@ -27,7 +27,7 @@ from pymantaray.apps.atlas import (
     runner,
     safety_table,
 )
-from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
+from pymantaray.apps.atlas.blocks import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.apps.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
 from pymantaray.ocean.grid_points import GridPoints
@@ -270,7 +270,7 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
     sick = ocean.copy(deep=True)
     sick["water_temp"][3, 10, 8] = 99.0
     sick.to_netcdf(path)
-    monkeypatch.setattr("pymantaray.apps.atlas.column.SPLINE", 1)
+    monkeypatch.setattr("pymantaray.apps.atlas.blocks.SPLINE", 1)
     monkeypatch.setattr(plan, "_GRID_MARGIN", 3)
     atlas = Atlas(path, links, window=_window(ocean, 10, 10, 8, 16))
     refused(

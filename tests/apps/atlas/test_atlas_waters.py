@@ -8,7 +8,7 @@ from refusals import refused
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays
 from pymantaray.apps.atlas import Atlas, AtlasLinks, open_atlas, plan, run_atlas
-from pymantaray.apps.atlas.column import LAND, WATER
+from pymantaray.apps.atlas.blocks import LAND, WATER
 from pymantaray.apps.atlas.dataset import VARIABLES
 from pymantaray.errors import AtlasError
 from pymantaray.ocean import synthetic_ocean, to_local, with_ice

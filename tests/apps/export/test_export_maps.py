@@ -229,7 +229,7 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path, as_stored):
     status[0, 0, 0] = 0
     place = ("time", "lat", "lon")
     lat, lon = np.array([70.0, 71.0]), np.array([178.0, 180.0, 182.0])
-    from pymantaray.apps.atlas.column import WATER
+    from pymantaray.apps.atlas.blocks import WATER
 
     data = xr.Dataset(
         {

@@ -11,7 +11,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.apps.atlas.column import EDGE, LAND, WATER
 from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.apps.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
@@ -21,6 +20,8 @@ from pymantaray.user_files import check_regular
 from pymantaray.version import __version__
 
 FORMAT = "pymantaray atlas 1"
+WATER, LAND, EDGE = 0, 1, 2
+"""Status of a column; `EDGE`: its links do not fit into the data."""
 LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
 """Position of a block in the atlas, and its variables."""
 NOTES = "notes"
@@ -232,6 +233,8 @@ def write_atlas(
 def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[LocatedBlock]) -> None:
     from netCDF4 import Dataset
 
+    _, rows, columns = atlas.blocks[0].place
+    chunk = min(rows.stop, atlas.shape[1]), min(columns.stop, atlas.shape[2])
     with Dataset(path, "w", format="NETCDF4") as file:
         file.setncatts(attrs)
         for name, (dims, values, own) in coordinates(atlas).items():
@@ -251,7 +254,7 @@ def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Loca
                 compression="zlib",
                 complevel=2,
                 shuffle=True,
-                chunksizes=(1, *_chunk(atlas), *shape_of(v, atlas.links)),
+                chunksizes=(1, *chunk, *shape_of(v, atlas.links)),
                 fill_value=np.float32(np.nan) if v.dtype == "f4" else False,
             )
             variable.setncatts(v.attrs)
@@ -263,12 +266,6 @@ def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Loca
             for name in VARIABLES:
                 file[name][time, rows, columns] = arrays[name]
         file.setncattr(NOTES, "\n".join(notes))
-
-
-def _chunk(atlas: Atlas) -> tuple[int, int]:
-    _, rows, columns = atlas.blocks[0].place
-    n_lat, n_lon = atlas.shape[1:]
-    return min(rows.stop, n_lat), min(columns.stop, n_lon)
 
 
 def open_atlas(path: str | Path) -> xr.Dataset:

@@ -356,7 +356,8 @@ def _others(atlas: xr.Dataset, distance: int) -> Array:
 
 
 def _other_patches(atlas: xr.Dataset) -> list[Patch]:
-    patches = [
+    there = [_others(atlas, k) for k in range(atlas.sizes["distance"])]
+    return [
         Patch(color=style.PALE, label="no direct path"),
         Patch(
             facecolor="white",
@@ -365,14 +366,12 @@ def _other_patches(atlas: xr.Dataset) -> list[Patch]:
             hatch=_LINES,
             label="none on most links",
         ),
+        *(
+            Patch(facecolor=colour, edgecolor=style.GREY, linewidth=0.4, label=label)
+            for k, (colour, label) in enumerate(_OTHERS)
+            if any((others == k).any() for others in there)
+        ),
     ]
-    there = [_others(atlas, k) for k in range(atlas.sizes["distance"])]
-    for k, (colour, label) in enumerate(_OTHERS):
-        if any((others == k).any() for others in there):
-            patches.append(
-                Patch(facecolor=colour, edgecolor=style.GREY, linewidth=0.4, label=label)
-            )
-    return patches
 
 
 def _header(atlas: xr.Dataset) -> str:

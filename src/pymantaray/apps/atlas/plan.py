@@ -15,7 +15,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.atlas.column import SPLINE
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
 from pymantaray.config.door.ocean import MissionOcean, build_mission_ocean
@@ -35,6 +34,7 @@ from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.records.digits import counted
 
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
+SPLINE = 8  # grid points beyond the domain for interpolation
 _COLUMNS = 16  # per block and axis; 256 columns take ten seconds
 _MAX_POINTS = 160  # grid points per block and axis
 _PROFILE_CELL = 0.1  # degrees; size of the cell of a profile
@@ -110,7 +110,13 @@ class Atlas:
     ) -> None:
         self.ocean, self.sound = _water_of(source, options)
         self.every = every
-        self.links = links or _links_of(self.sound)
+        search = self.sound.options
+        self.links = links or AtlasLinks(
+            max_surface_bounces=search.max_surface_bounces,
+            max_bottom_bounces=search.max_bottom_bounces,
+            spreading_cutoff_db=search.spreading_cutoff_db,
+            interpolation=self.sound.interpolation,
+        )
         self._index = _index_of(self.ocean)
         self.times = _instants(self._index, times)
         lat = self._index.lat
@@ -275,17 +281,6 @@ def _water_of(source: Source, options: dict[str, Any]) -> tuple[MissionOcean, So
                 f"ocean.{key} does not apply to an atlas; remove it, and select instants with times"
             )
     return ocean, build_sound(config)
-
-
-def _links_of(sound: SoundOptions) -> AtlasLinks:
-    """Links with the search of a study."""
-    search = sound.options
-    return AtlasLinks(
-        max_surface_bounces=search.max_surface_bounces,
-        max_bottom_bounces=search.max_bottom_bounces,
-        spreading_cutoff_db=search.spreading_cutoff_db,
-        interpolation=sound.interpolation,
-    )
 
 
 def _index_of(ocean: MissionOcean) -> OceanIndex:

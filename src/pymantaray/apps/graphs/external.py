@@ -386,7 +386,9 @@ def solve_graph(
         fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns; singular"
         raise EstimationError(diagnose(graph, file.values) or fallback)
     solver = GraphSolver(SolveOptions(report=report))
-    start = start or _default_start(graph, estimator, random_starts)
+    if start is None:
+        batch = isinstance(estimator, str) and not METHODS[estimator].incremental
+        start = "best" if random_starts or (batch and is_cheap(graph)) else "file"
 
     def solve(initial: GraphValues, rival: float = np.inf) -> GraphSolution:
         if isinstance(estimator, str):
@@ -398,11 +400,8 @@ def solve_graph(
     try:
         outcomes = _outcomes(file, graph, start, solve, random_starts=random_starts, seed=seed)
     except (RuntimeError, ValueError) as error:  # raised by GTSAM
-        reason = (
-            diagnose(graph, file.values)
-            or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
-        )
-        raise EstimationError(reason) from None
+        gave_up = f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+        raise EstimationError(diagnose(graph, file.values) or gave_up) from None
     best = lowest(outcomes)
     alternative = plausible_alternative(graph, outcomes) if best.solution.usable else None
     solution = best.solution
@@ -467,13 +466,6 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
 def is_cheap(graph: FactorGraph) -> bool:
     """True if a graph is small enough to be solved from several starts by default."""
     return graph.n_factors <= MAX_CHEAP_FACTORS
-
-
-def _default_start(
-    graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int
-) -> Start:
-    batch = isinstance(estimator, str) and not METHODS[estimator].incremental
-    return "best" if random_starts or (batch and is_cheap(graph)) else "file"
 
 
 def _outcomes(

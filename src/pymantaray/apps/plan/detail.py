@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from pymantaray.apps.plan.definition import DeploymentPlan, Design
 from pymantaray.apps.plan.evaluate import (
     Errors,
+    KeyedPlan,
     detection_probability,
     error_quantile,
     evaluator_of,
@@ -53,7 +54,7 @@ def detail_of(plan: DeploymentPlan, design: Design) -> DesignDetail:
     Details of a design that does not fail; waters and links of earlier designs in this process are
     used again.
     """
-    evaluator = evaluator_of(plan, plan.fingerprint)
+    evaluator = evaluator_of(KeyedPlan(plan.fingerprint, plan))
     first: Run | None = None
     errors = list[Errors]()
     lost = list[dict[Pair, float]]()

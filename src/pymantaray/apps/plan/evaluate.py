@@ -5,6 +5,7 @@ of positions at the pings.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -209,16 +210,19 @@ def detection_probability(run: Run) -> Array:
     return np.where(arrives, 1.0 if run.hearing is None else run.hearing.probability, 0.0)
 
 
-_latest: dict[str, DesignEvaluator] = {}
-"""Evaluator of the latest plan of this process, by the plan's key."""
+@dataclass(frozen=True)
+class KeyedPlan:
+    """A plan, which is the same as others with its fingerprint."""
+
+    key: str
+    plan: DeploymentPlan = field(compare=False)
 
 
 @dataclass(frozen=True)
 class DesignTask:
     """Design to evaluate, with all data for it."""
 
-    plan: DeploymentPlan
-    plan_key: str
+    plan: KeyedPlan
     design: Design
     version: str = field(default_factory=code_version)
     kind: ClassVar[str] = "design"
@@ -226,7 +230,7 @@ class DesignTask:
     @property
     def key(self) -> str:
         """Key of the design in its plan."""
-        return digest(self.kind, [self.plan_key, self.design], {})
+        return digest(self.kind, [self.plan.key, self.design], {})
 
 
 def evaluate_task(task: DesignTask) -> list[Scores]:
@@ -235,12 +239,10 @@ def evaluate_task(task: DesignTask) -> list[Scores]:
     again.
     """
     with one_task(task.version):
-        return evaluator_of(task.plan, task.plan_key)(task.design)
+        return evaluator_of(task.plan)(task.design)
 
 
-def evaluator_of(plan: DeploymentPlan, key: str) -> DesignEvaluator:
-    """Evaluator of a plan in this process."""
-    if key not in _latest:
-        _latest.clear()
-        _latest[key] = DesignEvaluator(plan)
-    return _latest[key]
+@lru_cache(maxsize=1)
+def evaluator_of(plan: KeyedPlan) -> DesignEvaluator:
+    """Evaluator of the latest plan of this process."""
+    return DesignEvaluator(plan.plan)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
-from pymantaray.apps.plan.evaluate import DesignTask, Scores, evaluate_task
+from pymantaray.apps.plan.evaluate import DesignTask, KeyedPlan, Scores, evaluate_task
 from pymantaray.apps.plan.results import PlanResults, loss_of
 from pymantaray.errors import PlanError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
@@ -106,7 +106,7 @@ class _Evaluations:
     def __init__(
         self, plan: DeploymentPlan, pool: Pool, progress: TaskProgress | None, most: int
     ) -> None:
-        self._task = partial(DesignTask, plan, plan.fingerprint)
+        self._task = partial(DesignTask, KeyedPlan(plan.fingerprint, plan))
         self._pool = pool
         self._progress = progress
         self._most = most

@@ -152,7 +152,9 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     deviation.
     """
     conditions = list(dict.fromkeys(table["condition"]))
-    upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
+    names = [table.loc[table["condition"] == name, "unknown"] for name in conditions]
+    # names would touch on an axis of the figure's width
+    upright = [len(each) * (int(each.str.len().max()) + 2) > _LEVEL for each in names]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
     figure = style.new_figure(style.DOUBLE, 0.5 + sum(heights), header)
     grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
@@ -187,11 +189,6 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
 def _with_prior(tables: RunTables) -> pd.DataFrame:
     """Unknowns with a prior; a fitted standard deviation has none."""
     return tables["unknowns"].frame.dropna(subset="prior_sigma")
-
-
-def _too_wide(names: pd.Series) -> bool:
-    """True if names would touch on an axis of the figure's width."""
-    return len(names) * (int(names.str.len().max()) + 2) > _LEVEL
 
 
 register(

@@ -123,18 +123,6 @@ def _panel_grid(panels: int, lines: int, header: str, width: float) -> tuple[Fig
     return figure, grid
 
 
-def _mark_fixes(axes: Axes, hours: Array) -> None:
-    """Mark GNSS fixes at the bottom of a panel, as one line, since each costs as much as all."""
-    axes.plot(
-        np.repeat(hours, 3),
-        np.tile([0.0, 0.045, np.nan], hours.size),
-        color=style.SKY,
-        linewidth=0.6,
-        transform=axes.get_xaxis_transform(),
-        solid_capstyle="butt",
-    )
-
-
 @style.styled
 def error_over_time(
     time: Array,
@@ -180,7 +168,16 @@ def error_over_time(
             axes.set_visible(False)
             continue
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
-        _mark_fixes(axes, hours[fixes[i]])
+        # GNSS fixes at the bottom, as one line, since each costs as much as all
+        at = hours[fixes[i]]
+        axes.plot(
+            np.repeat(at, 3),
+            np.tile([0.0, 0.045, np.nan], at.size),
+            color=style.SKY,
+            linewidth=0.6,
+            transform=axes.get_xaxis_transform(),
+            solid_capstyle="butt",
+        )
         if i + grid.shape[1] >= len(names):
             axes.tick_params(labelbottom=True)
     for axes in grid.flat:
