@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import re
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,15 +14,9 @@ import pymantaray
 from pymantaray import load_study
 from pymantaray.acoustics import Absorption
 from pymantaray.config.common import Section
-from pymantaray.config.door.range_models import BUILDERS
+from pymantaray.config.door import beliefs, range_models
 from pymantaray.config.door.study import build_study
-from pymantaray.config.estimators import (
-    ConstantRangeModel,
-    EigenrayRangeModel,
-    MeanSlownessRangeModel,
-    MixtureRangeModel,
-    TransmitterRangeModel,
-)
+from pymantaray.config.estimators import AnyBelief, AnyRangeModel
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.sensing import PingSchedule, TwoWay
@@ -68,18 +63,16 @@ def test_few_functions_outside_config_take_a_section():
     assert found == OPEN_THE_DOOR
 
 
-def test_each_kind_of_range_model_has_a_builder():
-    kinds = {
-        model.model_fields["kind"].annotation.__args__[0]
-        for model in (
-            TransmitterRangeModel,
-            ConstantRangeModel,
-            MeanSlownessRangeModel,
-            EigenrayRangeModel,
-            MixtureRangeModel,
-        )
-    }
-    assert BUILDERS.keys() == kinds
+def kinds_of(union):
+    """Kinds of the sections of a union."""
+    sections = get_args(get_args(union)[0])
+    return {section.model_fields["kind"].annotation.__args__[0] for section in sections}
+
+
+def test_each_kind_of_range_model_and_belief_has_a_builder():
+    assert range_models.BUILDERS.keys() == kinds_of(AnyRangeModel)
+    # an internal tide always varies, so it has no snapshot
+    assert beliefs.BUILDERS.keys() == kinds_of(AnyBelief) - {"internal-tide"}
 
 
 def test_a_study_has_the_values_of_its_configuration():

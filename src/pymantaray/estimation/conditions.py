@@ -223,12 +223,10 @@ class _Fleet:
         """
         n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
 
-        def excess_of(solution: GraphSolution) -> float:
-            """Cost above its expected value."""
-            return solution.final_cost - solution.expected_cost
-
         def fits(solution: GraphSolution) -> bool:
-            return abs(excess_of(solution)) <= _COST_TOLERANCE * n_ranges
+            """True if the cost has its expected value."""
+            off = solution.final_cost - solution.expected_cost
+            return abs(off) <= _COST_TOLERANCE * n_ranges
 
         log_scale = 0.0
         before = None
@@ -236,10 +234,13 @@ class _Fleet:
         high = np.log(_MAX_SCALE)
         solution = self._first_solved(estimator, measurements, start, solver)
         for _ in range(_MAX_FITS):
+            scale = float(np.exp(log_scale))
+            if before is not None:
+                larger = replace(measurements, range_sigma=scale * measurements.range_sigma)
+                solution = self._solved(estimator, larger, solution.values, solver, fits)
             if not solution.usable:
                 break
-            excess = excess_of(solution)
-            scale = float(np.exp(log_scale))
+            excess = solution.final_cost - solution.expected_cost
             if fits(solution) or (excess <= 0.0 and before is None):
                 sigma = scale * float(np.median(measurements.range_sigma))
                 return replace(solution, unknowns=_with_range_sigma(sigma, solution.unknowns))
@@ -250,14 +251,6 @@ class _Fleet:
             before = log_scale, share
             guess = log_scale - share / slope if slope < 0.0 else np.inf
             log_scale = guess if low < guess < high else 0.5 * (low + high)
-            larger = float(np.exp(log_scale)) * measurements.range_sigma
-            solution = self._solved(
-                estimator,
-                replace(measurements, range_sigma=larger),
-                solution.values,
-                solver,
-                fits,
-            )
         # the cost is above its expected value for any weight of the ranges
         return self._solved(estimator, measurements, start, solver)
 

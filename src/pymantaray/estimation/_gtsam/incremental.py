@@ -3,9 +3,8 @@ GTSAM's iSAM2, fed with the factors of a graph in the order of their time, and i
 fixed-lag smoother.
 """
 
-import time
-from time import process_time
-from typing import Any, NamedTuple, Protocol
+from time import perf_counter, process_time
+from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
@@ -71,12 +70,12 @@ class IncrementalSmoother:
         graph = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             graph.add(factors.at(i))
-        begin = time.perf_counter()
+        begin = perf_counter()
         try:
             result = self._smoother.update(graph, new)
         except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
             return None
-        return UpdateEffort(time.perf_counter() - begin, int(result.getVariablesRelinearized()))
+        return UpdateEffort(perf_counter() - begin, int(result.getVariablesRelinearized()))
 
     def pose(self, key: int) -> Any:
         """Current estimate of one pose."""
@@ -85,14 +84,6 @@ class IncrementalSmoother:
     def values(self) -> Any:
         """Current estimate of all variables."""
         return self._smoother.calculateEstimate()
-
-
-class Smoother(Protocol):
-    """Estimator that has poses."""
-
-    def pose(self, key: int) -> Any:
-        """Current estimate of one pose."""
-        ...
 
 
 class Entering:
@@ -119,7 +110,9 @@ class Entering:
             self._edges.setdefault(a, []).append((b, row, False))
         self._there: set[int] = set()
 
-    def values(self, variables: Indices, smoother: Smoother, update: int) -> Any:
+    def values(
+        self, variables: Indices, smoother: "IncrementalSmoother | LaggedSmoother", update: int
+    ) -> Any:
         """Starting values of the new variables of an update."""
         out = gtsam.Values()
         poses = variables[variables < self._graph.n_poses]
@@ -130,7 +123,9 @@ class Entering:
             out.insertPoint3(key, self._landmark(key, out, smoother, self._update_time[update]))
         return out
 
-    def _landmark(self, key: int, new: Any, smoother: Smoother, now: float) -> Any:
+    def _landmark(
+        self, key: int, new: Any, smoother: "IncrementalSmoother | LaggedSmoother", now: float
+    ) -> Any:
         """
         Initial value of a landmark: its value with a prior, else the first sighting or
         trilateration from the earlier poses.
@@ -159,11 +154,11 @@ class Entering:
         return solutions[key][0] if key in solutions else self._start.atPoint3(key)
 
     @staticmethod
-    def _current(key: int, new: Any, smoother: Smoother) -> Any:
+    def _current(key: int, new: Any, smoother: "IncrementalSmoother | LaggedSmoother") -> Any:
         """Current estimate of a pose, new or not."""
         return new.atPose3(key) if new.exists(key) else smoother.pose(key)
 
-    def _pose(self, key: int, new: Any, smoother: Smoother) -> Any:
+    def _pose(self, key: int, new: Any, smoother: "IncrementalSmoother | LaggedSmoother") -> Any:
         if key in self._prior:
             return self._prior[key]
         for other, row, forward in self._edges.get(key, ()):
