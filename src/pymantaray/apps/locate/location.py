@@ -175,15 +175,14 @@ class Location:
         fit = self.solution.posterior
         model = self.solution.model
         correlation = model.correlation
-        white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
             "sound_speed_memory_s": model.memory if np.isfinite(model.memory) else None,
             "sigma_s": fit.sigma,
             "smoothness": dict(fit.hyperparameters),
             "correlation_ratio": correlation.ratio,
-            "correlation_time_s": None if white else correlation.memory,
-            "correlation_shared": None if white else correlation.shared,
+            "correlation_time_s": None if model.is_white else correlation.memory,
+            "correlation_shared": None if model.is_white else correlation.shared,
             "abic": fit.abic + 2.0 * model.hyperparameters,
         }
 

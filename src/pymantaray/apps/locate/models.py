@@ -82,7 +82,10 @@ class _Comparison:
         """Compare further models."""
         for model in models:
             if model not in self.candidates:
-                self.candidates[model] = Candidate(model, self._fit(model))
+                fit = self._fit(model)
+                sizes = _AMPLITUDES if model.splined else ()
+                others = tuple(self._fit(model, fit, size) for size in sizes)
+                self.candidates[model] = Candidate(model, fit, others)
 
     def memories(self, now: Model) -> list[Model]:
         """Models with other memories of the sound speed."""
@@ -91,13 +94,6 @@ class _Comparison:
         time = self._solver.survey.time
         span = max(float(time[-1] - time[0]), 1.0)
         return [now._replace(memory=fraction * span) for fraction in _MEMORIES]
-
-    def vary_amplitudes(self) -> None:
-        """Add posteriors with all amplitudes of the drift to candidates."""
-        for model, candidate in self.candidates.items():
-            if model.splined:
-                others = tuple(self._fit(model, candidate.fit, size) for size in _AMPLITUDES)
-                self.candidates[model] = replace(candidate, others=others)
 
     def _fit(
         self, model: Model, selected: Posterior | None = None, amplitude: float = 0.0
@@ -183,7 +179,6 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
             memory = best.memory if kind in ("time", "gradient") else np.inf
             comparison.add([best._replace(kind=kind, memory=memory)])
         comparison.add(comparison.memories(comparison.best.model))
-    comparison.vary_amplitudes()
     return comparison.best, list(comparison.candidates.values())
 
 
@@ -240,7 +235,6 @@ def candidate_table(
     for candidate in ordered:
         model = candidate.model
         noise = model.correlation
-        is_white = noise.ratio == 0.0
         smoothness = candidate.fit.hyperparameters
         rows.append(
             {
@@ -249,8 +243,8 @@ def candidate_table(
                 "sound_speed": model.kind,
                 "sound_speed_memory_s": model.memory if model.splined else np.nan,
                 "correlation_ratio": noise.ratio,
-                "correlation_time_s": np.nan if is_white else noise.memory,
-                "correlation_shared": np.nan if is_white else noise.shared,
+                "correlation_time_s": np.nan if model.is_white else noise.memory,
+                "correlation_shared": np.nan if model.is_white else noise.shared,
                 "abic_difference": candidate.abic - ordered[0].abic,
                 "abic": candidate.abic,
                 "log_evidence": candidate.fit.log_evidence,
