@@ -38,6 +38,7 @@ _PARAMETERS = {
     "offset_sigma": "clock_offset_sigma",
     "overwrite": "force",
     "place": "position",
+    "speed_model": "sound_speed",
     "thin_profile": "thin",
     "tolerance": "error",
     "total_s": "time_limit",

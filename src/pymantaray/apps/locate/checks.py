@@ -47,7 +47,15 @@ def check_survey(survey: Survey, medium: Medium) -> None:
                 f"node {node.name}: its prior depth is {node.position[2]:g} m, above the surface;"
                 " depths are positive down"
             )
-    _check_turn_around(survey)
+    delay = np.array([node.turn_around for node in survey.nodes])[survey.node]
+    is_long = delay >= np.median(survey.travel_time)
+    is_long &= survey.direction == TravelDirection.TWO_WAY
+    if is_long.any():
+        row = int(np.argmax(is_long))
+        raise LocateError(
+            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer"
+            " than most two-way times; write milliseconds as '13 ms'"
+        )
     _check_attitude(survey)
     _check_units(survey)
     for node in survey.nodes:
@@ -153,17 +161,6 @@ def _check_times(survey: Survey) -> None:
         raise LocateError(
             f"{survey.where(row)}: time {survey.time[row]:.3f} s is before the time of the previous"
             f" ping, {survey.time[row - 1]:.3f} s; times must not decrease; sort the rows"
-        )
-
-
-def _check_turn_around(survey: Survey) -> None:
-    delay = np.array([node.turn_around for node in survey.nodes])[survey.node]
-    long = (survey.direction == TravelDirection.TWO_WAY) & (delay >= np.median(survey.travel_time))
-    if long.any():
-        row = int(np.argmax(long))
-        raise LocateError(
-            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer"
-            " than most two-way times; write milliseconds as '13 ms'"
         )
 
 

@@ -445,7 +445,7 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
         out.table(tables["candidates"].first(_MAX_CANDIDATES))
     passed = [test.text for test in location.tests if test.passed]
     for line in [*passed, *location.warnings]:
-        out.line(line)
+        out.line(in_options(line))
     if location.displacement is not None:
         out.table(tables["displacement"])
     out.add(**values)

@@ -22,7 +22,7 @@ from pymantaray.apps.locate.displacement import (
 from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
-from pymantaray.apps.locate.models import candidate_table, solve, spread_of_models
+from pymantaray.apps.locate.models import average_of_models, candidate_table, solve
 from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.solve import SurveySolution
@@ -103,6 +103,8 @@ class Location:
         Compared models of sound speed and noise, best first.
     tests : list of FitTest
         Tests of the residuals, and of positions from parts of the pings.
+    shift : ndarray, shape (n_nodes, 3)
+        Average of the positions over the models minus those of the chosen one. [m]
     spread : ndarray, shape (3 n_nodes, 3 n_nodes)
         Covariance of the positions due to the choice of the model. [m²]
     mirrors : list of Mirror
@@ -121,6 +123,7 @@ class Location:
     solution: SurveySolution
     candidates: pd.DataFrame
     tests: list[FitTest]
+    shift: Array
     spread: Array
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
@@ -148,8 +151,8 @@ class Location:
 
     @property
     def positions(self) -> Array:
-        """Positions of the nodes (n_nodes, 3): north, east, depth. [m]"""
-        return self.solution.positions
+        """Positions of the nodes, the average over the models (n_nodes, 3). [m]"""
+        return self.solution.positions + self.shift
 
     @property
     def rms(self) -> float:
@@ -172,15 +175,14 @@ class Location:
         fit = self.solution.posterior
         model = self.solution.model
         correlation = model.correlation
-        white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
             "sound_speed_memory_s": model.memory if np.isfinite(model.memory) else None,
             "sigma_s": fit.sigma,
             "smoothness": dict(fit.hyperparameters),
             "correlation_ratio": correlation.ratio,
-            "correlation_time_s": None if white else correlation.memory,
-            "correlation_shared": None if white else correlation.shared,
+            "correlation_time_s": None if model.is_white else correlation.memory,
+            "correlation_shared": None if model.is_white else correlation.shared,
             "abic": fit.abic + 2.0 * model.hyperparameters,
         }
 
@@ -571,7 +573,7 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
     # solve
     solution, candidates, solver = solve(survey, medium, selected, direct.position)
     solution, mirrors = with_mirrors(solver, solution)
-    spread = spread_of_models(candidates, selected.kinds, solution)
+    shift, spread = average_of_models(candidates, selected.kinds, solution)
     # judge
     of_modes = () if selected.modes is None else selected.modes.notes
     notes = (*of_modes, *medium.notes, *check_solution(solution, medium))
@@ -581,6 +583,7 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         solution,
         candidate_table(candidates, selected.kinds, solution),
         fit_tests(solution, spread),
+        shift,
         spread,
         mirrors,
         reason,

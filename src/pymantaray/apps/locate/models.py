@@ -1,5 +1,6 @@
-"""Models of sound speed and noise: their evidence, the choice of one, and the spread of all."""
+"""Models of sound speed and noise: their evidence, the choice of one, and the average of all."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -27,8 +28,9 @@ _NOISES = {
 }
 # memories of the sound speed, relative to the survey's duration
 _MEMORIES = (np.inf, 1.0, 0.25, 0.0625, 0.015625)
-_AMPLITUDES = (0.5, 0.71, 1.41, 2.0, 2.83)  # of the sound speed, relative to the most likely
-_MAX_DIFFERENCE = 8.0  # of the ABIC, for candidates with other amplitudes
+# prior of the models: probability of each kind, divided among its memories and amplitudes
+_PROBABILITIES = {"known": 1.0, "scale": 0.2, "time": 0.75, "gradient": 0.05, "modes": 0.2}
+_AMPLITUDES = (1e-5, 3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
 _MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
 
 
@@ -37,7 +39,8 @@ class Candidate:
     """
     Model of sound speed and noise with its posterior.
 
-    ``others`` are posteriors with other amplitudes of the sound speed than that of ``fit``.
+    ``others`` are posteriors with all amplitudes of the drift of the sound speed, instead of the
+    most likely one of ``fit``.
     """
 
     model: Model
@@ -79,7 +82,10 @@ class _Comparison:
         """Compare further models."""
         for model in models:
             if model not in self.candidates:
-                self.candidates[model] = Candidate(model, self._fit(model))
+                fit = self._fit(model)
+                sizes = _AMPLITUDES if model.splined else ()
+                others = tuple(self._fit(model, fit, size) for size in sizes)
+                self.candidates[model] = Candidate(model, fit, others)
 
     def memories(self, now: Model) -> list[Model]:
         """Models with other memories of the sound speed."""
@@ -89,18 +95,10 @@ class _Comparison:
         span = max(float(time[-1] - time[0]), 1.0)
         return [now._replace(memory=fraction * span) for fraction in _MEMORIES]
 
-    def vary_amplitudes(self) -> None:
-        """Add posteriors with other amplitudes of the sound speed to probable candidates."""
-        limit = self.best.abic + _MAX_DIFFERENCE
-        for model, candidate in self.candidates.items():
-            if model.splined and candidate.abic <= limit:
-                others = tuple(self._fit(model, candidate.fit, factor) for factor in _AMPLITUDES)
-                self.candidates[model] = replace(candidate, others=others)
-
     def _fit(
-        self, model: Model, selected: Posterior | None = None, factor: float = 1.0
+        self, model: Model, selected: Posterior | None = None, amplitude: float = 0.0
     ) -> Posterior:
-        """Posterior and evidence of a model, or with a factor of the selected smoothness."""
+        """Posterior and evidence of a model; of a selected one with an amplitude of its drift."""
         # simpler models use a part of the columns of a richer one
         rich: Kind = model.kind if model.kind in ("gradient", "modes") else "time"
         unknowns, values, linear, known = self._system(rich, model.memory)
@@ -121,7 +119,7 @@ class _Comparison:
         if selected is None:
             first = sigma / np.sqrt(correlation.variance)
             return posterior(known[correlation], unknowns, values, {}, sigma=first, without=without)
-        hyper = {name: factor * value for name, value in selected.hyperparameters.items()}
+        hyper = {**selected.hyperparameters, "time": amplitude}
         return posterior(
             known[correlation],
             unknowns,
@@ -181,7 +179,6 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
             memory = best.memory if kind in ("time", "gradient") else np.inf
             comparison.add([best._replace(kind=kind, memory=memory)])
         comparison.add(comparison.memories(comparison.best.model))
-    comparison.vary_amplitudes()
     return comparison.best, list(comparison.candidates.values())
 
 
@@ -238,7 +235,6 @@ def candidate_table(
     for candidate in ordered:
         model = candidate.model
         noise = model.correlation
-        is_white = noise.ratio == 0.0
         smoothness = candidate.fit.hyperparameters
         rows.append(
             {
@@ -247,8 +243,8 @@ def candidate_table(
                 "sound_speed": model.kind,
                 "sound_speed_memory_s": model.memory if model.splined else np.nan,
                 "correlation_ratio": noise.ratio,
-                "correlation_time_s": np.nan if is_white else noise.memory,
-                "correlation_shared": np.nan if is_white else noise.shared,
+                "correlation_time_s": np.nan if model.is_white else noise.memory,
+                "correlation_shared": np.nan if model.is_white else noise.shared,
                 "abic_difference": candidate.abic - ordered[0].abic,
                 "abic": candidate.abic,
                 "log_evidence": candidate.fit.log_evidence,
@@ -262,35 +258,50 @@ def candidate_table(
     return pd.DataFrame(rows)
 
 
-def spread_of_models(
-    candidates: Sequence[Candidate], kinds: Sequence[Kind], solution: SurveySolution
-) -> Array:
-    """
-    Covariance that the choice of the model adds to all positions (3 n_nodes, 3 n_nodes). [m²]
+class Average(NamedTuple):
+    """Mean of all positions over the models, relative to the chosen one."""
 
-    The probability of each candidate of the allowed `kinds`, at each of its amplitudes of the sound
-    speed, is proportional to exp(-ABIC / 2). The covariance of their mixture about the chosen
-    model's positions is the mean of their covariances and squared differences. The result is its
-    excess over the chosen model's covariance, at least 0 in all directions.
+    shift: Array
+    """Mean minus the positions of the chosen model (n_nodes, 3). [m]"""
+    spread: Array
+    """Covariance that the choice of the model adds (3 n_nodes, 3 n_nodes). [m²]"""
+
+
+def average_of_models(
+    candidates: Sequence[Candidate], kinds: Sequence[Kind], solution: SurveySolution
+) -> Average:
+    """
+    Average the positions over the allowed models by their evidence and a prior of the models.
+
+    Each model has the same probability as others of its kind and with white or correlated noise,
+    as has each amplitude of the drift. The covariance is that of the mixture about its mean; the
+    spread is its excess over the chosen model's covariance, at least 0 in all directions.
     """
     unknowns = solution.unknowns
     n_columns = unknowns.slices["array"].stop
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)[:, :n_columns]
     allowed = [candidate for candidate in candidates if candidate.model.kind in kinds]
     chosen = next(candidate for candidate in allowed if candidate.model == solution.model)
-    fits = [
-        (fit, candidate.abic - 2.0 * (fit.log_evidence - candidate.fit.log_evidence))
-        for candidate in allowed
-        for fit in (candidate.fit, *candidate.others)
-    ]
-    abic = np.array([value for _, value in fits])
-    probability = np.exp(-0.5 * (abic - abic.min()))
-    probability /= probability.sum()
-    total = np.zeros((len(by_position), len(by_position)))
-    for (fit, _), weight in zip(fits, probability, strict=True):
-        difference = by_position @ (fit.change[:n_columns] - chosen.fit.change[:n_columns])
-        excess = fit.covariance[:n_columns, :n_columns]
-        excess = excess - chosen.fit.covariance[:n_columns, :n_columns]
-        total += weight * (by_position @ excess @ by_position.T + np.outer(difference, difference))
-    values, vectors = np.linalg.eigh(total)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    fits = [(one.model, fit) for one in allowed for fit in one.others or (one.fit,)]
+    count = Counter((model.kind, model.is_white) for model, _ in fits)
+    weight = np.array(
+        [
+            fit.log_evidence
+            - model.hyperparameters_of_noise
+            + np.log(_PROBABILITIES[model.kind] / count[model.kind, model.is_white])
+            for model, fit in fits
+        ]
+    )
+    weight = np.exp(weight - weight.max())
+    weight /= weight.sum()
+    # mean and covariance of the mixture, relative to the chosen model
+    steps = np.array([fit.change[:n_columns] - chosen.fit.change[:n_columns] for _, fit in fits])
+    shift = by_position @ (weight @ steps)
+    excess = -by_position @ chosen.fit.covariance[:n_columns, :n_columns] @ by_position.T
+    for (_, fit), probability, step in zip(fits, weight, steps, strict=True):
+        difference = by_position @ step - shift
+        covariance = by_position @ fit.covariance[:n_columns, :n_columns] @ by_position.T
+        excess += probability * (covariance + np.outer(difference, difference))
+    values, vectors = np.linalg.eigh(excess)
+    spread = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return Average(shift.reshape(-1, 3), np.asarray(spread))

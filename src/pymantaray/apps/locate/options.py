@@ -73,8 +73,8 @@ class LocateOptions:
     Parameters
     ----------
     speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
-        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal
-        likelihood.
+        Model of the sound speed relative to the profile; ``auto`` averages the positions over all
+        by their marginal likelihood.
     correlation : {"auto", "none"}
         Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes
         it.

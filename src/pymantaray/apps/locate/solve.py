@@ -57,7 +57,17 @@ class Model(NamedTuple):
     @property
     def hyperparameters(self) -> int:
         """Number of hyperparameters that were searched on a grid."""
-        return int(np.isfinite(self.memory)) + _CORRELATED * (self.correlation.ratio > 0.0)
+        return int(np.isfinite(self.memory)) + self.hyperparameters_of_noise
+
+    @property
+    def is_white(self) -> bool:
+        """True without correlated noise."""
+        return self.correlation.ratio == 0.0
+
+    @property
+    def hyperparameters_of_noise(self) -> int:
+        """Number of hyperparameters of correlated noise, the penalty of its log evidence."""
+        return 0 if self.is_white else _CORRELATED
 
 
 @dataclass(frozen=True, eq=False)

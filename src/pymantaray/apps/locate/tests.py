@@ -25,11 +25,11 @@ PATTERN = "pattern of residuals"
 HALVES = "halves in time"
 _BEARING = "bearing from the bow"
 _REMEDIES = {
-    "time": "let the sound speed vary over time (--sound-speed auto or time)",
-    "azimuth": "check the positions of the platform, or add a gradient (--sound-speed gradient)",
+    "time": "let the sound speed vary over time with `speed_model='time'`",
+    "azimuth": "check the positions of the platform, or use `speed_model='gradient'`",
     "range": "check the profile of sound speed",
-    _BEARING: "check the lever arm, or estimate it (--lever-sigma)",
-    STATED_NOISE: "check --sigma; the standard deviations follow the estimated noise",
+    _BEARING: "check the lever arm, or estimate it with `lever_sigma`",
+    STATED_NOISE: "check `sigma`; the standard deviations follow the estimated noise",
     HALVES: "check whether a node or the frame of the platform moved",
 }
 _MAX_BINS = 24  # number of bins, and pings per bin
