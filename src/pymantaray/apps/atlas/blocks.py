@@ -25,7 +25,7 @@ from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
-from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
+from pymantaray.user_files import MAX_UNPACKED_BYTES
 
 _STATUS = "column_status"
 

@@ -14,7 +14,7 @@ from pymantaray.apps.plan import PlanResults, figures
 from pymantaray.apps.plan.detail import DesignDetail, detail_of
 from pymantaray.apps.plan.ensemble import mean_score
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
 from pymantaray.pages.drawing import FigureSpec, Picture, with_source
