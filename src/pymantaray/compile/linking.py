@@ -10,10 +10,7 @@ machine code of its shared kernels.
 from functools import partial
 from typing import Any, ClassVar
 
-from llvmlite import (
-    binding as llvm,  # type: ignore[import-untyped]
-    ir,
-)
+from llvmlite import binding as llvm, ir  # type: ignore[import-untyped]
 from numba.core import cgutils, errors, ir as numba_ir, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
