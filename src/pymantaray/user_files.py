@@ -23,6 +23,10 @@ Refusal = Callable[[str], Exception]
 GZIP = ".gz"
 MAX_BYTES = 200_000_000
 """A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
+MAX_UNPACKED_BYTES = 2_000_000_000
+"""
+Maximum size of data unpacked into memory at a time: a table, or a chunk of an array or of a bag.
+"""
 _MAX_SEARCHED = 200_000  # files and folders that one pattern may visit
 _MAX_PARTS = 100  # of a TOML key; tomllib needs memory in proportion to their square
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""

@@ -8,8 +8,7 @@ import pandas as pd
 
 from pymantaray.apps.study import open_run
 from pymantaray.ocean import check_ocean
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 
 
 def cells(html):

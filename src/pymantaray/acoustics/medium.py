@@ -230,7 +230,7 @@ class Medium:
 
     def _repr_html_(self) -> str:
         """HTML for a notebook: the same facts."""
-        from pymantaray.records.notebook import notebook_html
+        from pymantaray.records.result_table import notebook_html
 
         return notebook_html(self._title, self.facts(), [])
 

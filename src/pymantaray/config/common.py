@@ -95,6 +95,15 @@ Instant = Annotated[
     dt.datetime, BeforeValidator(_instant, json_schema_input_type=dt.datetime | str)
 ]
 """Date and time, UTC unless a zone is given."""
+
+
+def utc_instant(time: dt.datetime) -> np.datetime64:
+    """Convert a configuration's time to an instant; a time without a zone is UTC."""
+    if time.tzinfo is not None:
+        time = time.astimezone(dt.UTC).replace(tzinfo=None)
+    return np.datetime64(time, "ns")
+
+
 Depth = Metres[NonNegativeFloat]
 """Positive down."""
 

@@ -1,4 +1,4 @@
-"""Tables of settings as in papers: timing of the mission, and noise."""
+"""Settings in tables: timing of the mission and noise as in papers, and keys as headings."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import pandas as pd
 
 from pymantaray.config.meanings import LAST_UNIT, meaning
 from pymantaray.config.sections import NoiseSection, StudyConfig
+from pymantaray.records.result_table import heading
 
 TIMING = (
     "mission.duration_h",
@@ -41,3 +42,21 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["key", "value", "unit", "meaning"])
+
+
+def key_heading(key: str) -> str:
+    """
+    Key of a configuration, followed by the unit of its description in brackets; the heading of a
+    column without a dot.
+    """
+    if "." not in key:
+        return heading(key)
+    section, _, name = key.partition(".")
+    model: Any = (
+        StudyConfig.model_fields[section].annotation
+        if section in StudyConfig.model_fields
+        else None
+    )
+    known = name in getattr(model, "model_fields", {})
+    unit = LAST_UNIT.search(meaning(model, name)) if known else None
+    return f"{key} [{unit[1]}]" if unit else key

@@ -22,8 +22,8 @@ from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import distances, missing_fixes
 from pymantaray.records.status import TRUTH
 from pymantaray.records.text_table import TextTable, read_text_table
-from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
+from pymantaray.user_files import MAX_UNPACKED_BYTES
 
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
 _DEPTHS = _METRES | {"cm": 0.01, "mm": 0.001, "ft": 0.3048, "feet": 0.3048}

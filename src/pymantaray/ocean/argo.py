@@ -114,14 +114,13 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
             cast_notes.append(
                 f"{flagged} of {present} levels rejected: bad quality flags or missing values"
             )
-        profile = (np.asarray(-gsw.z_from_p(pressure, lat[i]), dtype=float), temperature, salinity)
-        place = (float(lat[i]), float(lon[i]))
+        depth = np.asarray(-gsw.z_from_p(pressure, lat[i]), dtype=float)
         casts.append(
             clean_cast(
                 names[i],
-                place,
+                (float(lat[i]), float(lon[i])),
                 time[i],
-                profile,
+                (depth, temperature, salinity),
                 dropped=flagged,
                 notes=cast_notes,
                 where=f"{path}, profile {i}",

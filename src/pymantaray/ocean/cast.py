@@ -388,16 +388,14 @@ def read_cast_table(path: str | Path) -> CastTable:
     table = read_text_table(path, archive.text, invalid=invalid)
     header = tuple(table.frame.columns)
     columns, texts = _columns(table.path, header)
-    rows = table.frame.set_axis(range(len(header)), axis=1)
-    bracketed = any("[unit=" in title for title in header)
     whole = CastTable(
         table.path,
         header,
-        rows,
+        table.frame.set_axis(range(len(header)), axis=1),
         table.comments,
         columns,
         texts,
-        bracketed,
+        bracketed=any("[unit=" in title for title in header),
         instrument=archive.name,
         notes=archive.notes,
     )

@@ -25,8 +25,7 @@ from pymantaray.ocean.seawater import (
 )
 from pymantaray.ocean.window import Window, centred, half_sides_within
 from pymantaray.quantities.checks import distinct_digits
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 
 _MIN_SPEED = 1_400.0  # m/s; sound speed of sea water
 _MAX_SPEED = 1_600.0

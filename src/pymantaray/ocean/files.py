@@ -17,9 +17,8 @@ from pymantaray.errors import MantaRayError, OceanError, optional_package
 from pymantaray.messages import one_line
 from pymantaray.ocean.rasters import is_text_grid, read_text_grid
 from pymantaray.ocean.zarr_metadata import check_zarr
-from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
-from pymantaray.user_files import check_regular, exists, first_bytes
+from pymantaray.user_files import MAX_UNPACKED_BYTES, check_regular, exists, first_bytes
 
 MEMORY_SHARE = 1 / 12
 """

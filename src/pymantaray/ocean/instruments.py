@@ -221,8 +221,13 @@ def _kongsberg(lines: Lines) -> InstrumentTable:
     time, lat, lon = [*words[3:6], "", "", ""][:3]
     digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
     stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
-    rows = numeric_rows(lines, first + 1, None)
-    return InstrumentTable("Kongsberg", ["depth [m]", "sound_speed [m/s]"], rows, (lat, lon), stamp)
+    return InstrumentTable(
+        "Kongsberg",
+        ["depth [m]", "sound_speed [m/s]"],
+        numeric_rows(lines, first + 1, None),
+        (lat, lon),
+        stamp,
+    )
 
 
 def _castaway(lines: Lines) -> InstrumentTable:
@@ -234,9 +239,14 @@ def _castaway(lines: Lines) -> InstrumentTable:
     lat, lon = (text_after(head, rf"Start {axis}\s*,") for axis in ("latitude", "longitude"))
     time, notes = written_instant(text_after(head, r"Cast time \(UTC\)\s*,"))
     names = lines[start].split(",")
-    rows = numeric_rows(lines, start + 1, ",")
     return InstrumentTable(
-        "CastAway", known_titles(names), rows, (lat, lon), time, tuple(notes), names
+        "CastAway",
+        known_titles(names),
+        numeric_rows(lines, start + 1, ","),
+        (lat, lon),
+        time,
+        tuple(notes),
+        names,
     )
 
 
@@ -274,10 +284,14 @@ def _sections(lines: Lines) -> InstrumentTable:
     time, notes = written_instant(
         stamp or f"{keys.get('date', '')} {keys.get('time', '')}", day_first=bool(stamp)
     )
-    rows = numeric_rows(lines, start + 1, separator)
-    maker = "AML" if aml else "Valeport"
     return InstrumentTable(
-        maker, known_titles(titles), rows, (lat, lon), time, tuple(notes), titles
+        "AML" if aml else "Valeport",
+        known_titles(titles),
+        numeric_rows(lines, start + 1, separator),
+        (lat, lon),
+        time,
+        tuple(notes),
+        titles,
     )
 
 
@@ -289,9 +303,14 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
     head = [line.strip() for line in lines[:start]]
     names = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
     time, notes = written_instant(text_after(head, r"Time Stamp\s*:"), day_first=True)
-    rows = numeric_rows(lines, start + 1, "\t")
     return InstrumentTable(
-        "Valeport", known_titles(names), rows, position_texts(head), time, tuple(notes), names
+        "Valeport",
+        known_titles(names),
+        numeric_rows(lines, start + 1, "\t"),
+        position_texts(head),
+        time,
+        tuple(notes),
+        names,
     )
 
 
@@ -310,8 +329,14 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
     time, notes = written_instant(text_after(head, r"Now\s*:"), day_first=True)
-    rows = numeric_rows(lines, start + 1, None)
-    return InstrumentTable("Valeport", columns, rows, position_texts(head), time, tuple(notes))
+    return InstrumentTable(
+        "Valeport",
+        columns,
+        numeric_rows(lines, start + 1, None),
+        position_texts(head),
+        time,
+        tuple(notes),
+    )
 
 
 def _saiv(lines: Lines) -> InstrumentTable:

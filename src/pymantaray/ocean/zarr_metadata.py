@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from pymantaray.errors import OceanError
-from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
-from pymantaray.user_files import read_bytes
+from pymantaray.user_files import MAX_UNPACKED_BYTES, read_bytes
 
 _METADATA = frozenset({".zarray", ".zgroup", ".zmetadata", "zarr.json"})
 _MAX_BYTES = 64 * 2**20

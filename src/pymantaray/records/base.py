@@ -12,8 +12,7 @@ import numpy as np
 from pymantaray.arrays import AnyArray
 from pymantaray.errors import RecordError
 from pymantaray.records.digits import counted
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 from pymantaray.records.writing import pack, read_netcdf, temporary_folder, write_netcdf
 
 if TYPE_CHECKING:

@@ -290,6 +290,13 @@ class ResultTable:
         return f"{caption}<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def notebook_html(title: str, facts: Mapping[str, object], tables: Sequence[ResultTable]) -> str:
+    """Title, facts by name and tables as HTML; long tables show their first rows."""
+    words = " · ".join(f"{escape(name)}: {escape(str(value))}" for name, value in facts.items())
+    bodies = "".join(table._repr_html_() for table in tables)
+    return f"<div><strong>{escape(title)}</strong><br>{words}{bodies}</div>"
+
+
 def heading(column: str) -> str:
     """Head of a column, its unit in brackets; a key of a configuration is unchanged."""
     if column in _HEADS:

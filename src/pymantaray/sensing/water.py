@@ -13,7 +13,7 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import WaterError
 from pymantaray.geometry import EarthSphere, LocalFrame
-from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import notebook_html
 from pymantaray.sensing.timing import OneWay, Timing
 from pymantaray.sensing.transmission import ReceptionOptions
 

@@ -28,7 +28,7 @@ from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import _first_vehicle, _fleet, citation_of, headlines, run_page
 from pymantaray.apps.study.report import StudyReport
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts

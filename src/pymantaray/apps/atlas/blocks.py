@@ -34,7 +34,7 @@ from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import Window, crop, rectangle
 from pymantaray.records import RangingTruth, RayStatus
-from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
+from pymantaray.user_files import MAX_UNPACKED_BYTES
 
 _STATUS = "column_status"
 

@@ -364,8 +364,11 @@ def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
     over all pairs and bearings, as in the table of the atlas; the colour is the largest error of
     the first convention at the middle distance, relative to that of the atlas.
     """
-    from pymantaray.apps.atlas.dataset import WATER as IN_WATER
-    from pymantaray.apps.atlas.dataset import largest_over_pairs, mean_lost_over_pairs
+    from pymantaray.apps.atlas.dataset import (
+        WATER as IN_WATER,
+        largest_over_pairs,
+        mean_lost_over_pairs,
+    )
 
     worst = largest_over_pairs(atlas).values
     lost = mean_lost_over_pairs(atlas).values

@@ -158,7 +158,7 @@ def check(
         from pymantaray.config import load_study
         from pymantaray.config.door.fleet import with_tracks
         from pymantaray.config.door.study import build_study
-        from pymantaray.config.options import dotted_keys
+        from pymantaray.config.load import dotted_keys
 
         # these files replace the study's ocean, as in `study run --ocean`
         config = load_study(

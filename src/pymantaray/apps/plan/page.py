@@ -14,7 +14,7 @@ from pymantaray.apps.plan import PlanResults, figures
 from pymantaray.apps.plan.detail import DesignDetail, detail_of
 from pymantaray.apps.plan.results import mean_score
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.page import Card, Page, origin_table, table_explorer, write_page
 from pymantaray.plotting import style

@@ -16,9 +16,8 @@ from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import build_study
 from pymantaray.config.door.water import Source as WaterSource, source_words
 from pymantaray.config.keys import with_key
-from pymantaray.config.load import load_sound, parse_study
+from pymantaray.config.load import dotted_keys, load_sound, names_configuration, parse_study
 from pymantaray.config.mission import keys_of_schedule
-from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.sections import SoundConfig, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories

@@ -41,8 +41,7 @@ from pymantaray.evaluation import unexplained
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 from pymantaray.sensing import Detector, find_receptions
 from pymantaray.sensing.water import Water
 

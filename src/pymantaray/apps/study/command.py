@@ -171,7 +171,7 @@ def run(
 ) -> None:
     """Run a study, and write data, tables and figures to one folder."""
     from pymantaray.config import load_study
-    from pymantaray.config.options import dotted_keys
+    from pymantaray.config.load import dotted_keys
 
     keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
     config = load_study(study, realizations=how.realizations, ocean=source.words or None, **keys)

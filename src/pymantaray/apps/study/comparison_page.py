@@ -22,7 +22,7 @@ from pymantaray.apps.study.page import SYNTHETIC_NOTE, citation_of
 from pymantaray.apps.study.store import open_run
 from pymantaray.apps.study.tables import TABLES
 from pymantaray.arrays import Array
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.evaluation.comparison import paired_interval

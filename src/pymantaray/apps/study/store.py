@@ -54,8 +54,7 @@ from pymantaray.records import (
     Trajectories,
     read_netcdf,
 )
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks
 

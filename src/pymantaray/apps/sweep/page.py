@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from pymantaray.apps.sweep.results import point_table
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.pages.page import Page, table_explorer
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")

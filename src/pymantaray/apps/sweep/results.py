@@ -13,12 +13,11 @@ import xarray as xr
 from pymantaray.apps.sweep.definition import Sweep, parse_sweep
 from pymantaray.apps.sweep.keys import DONE, FAILED, PLAN, POINT, SWEEP, read_points
 from pymantaray.apps.sweep.plan import SweepPlan, read_plan
-from pymantaray.config.headings import key_heading
+from pymantaray.config.settings import key_heading
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.column_attributes import with_column_attributes
-from pymantaray.records.notebook import notebook_html
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, notebook_html
 
 OPEN = "open"
 

@@ -18,7 +18,7 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.arrays import Array
-from pymantaray.config.common import own_files
+from pymantaray.config.common import own_files, utc_instant
 from pymantaray.config.door.metres import section_in_metres
 from pymantaray.config.door.ocean import (
     build_ocean,
@@ -65,7 +65,6 @@ from pymantaray.ocean import (
     vertical_modes,
 )
 from pymantaray.ocean.cast import notes_of_casts
-from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.metres import file_in_metres, ocean_in_metres, read_file_in_metres
 from pymantaray.ocean.names import Equation

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pymantaray.arrays import Array
+from pymantaray.config.common import utc_instant
 from pymantaray.config.fleet import (
     AnyVehicle,
     DriftingVehicle,
@@ -35,7 +36,6 @@ from pymantaray.fleet import (
 )
 from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.keys import file_stamp
-from pymantaray.ocean.instants import utc_instant
 from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 
 

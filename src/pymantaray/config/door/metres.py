@@ -6,10 +6,10 @@ Water in metres: data sets on north, east and depth, from memory, a NetCDF file 
 import numpy as np
 import xarray as xr
 
+from pymantaray.config.common import utc_instant
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.metres import (
     cropped,
     file_in_metres,

@@ -13,6 +13,7 @@ from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
 from pymantaray.arrays import Array
+from pymantaray.config.common import utc_instant
 from pymantaray.config.door.metres import local_of, metres_of, section_in_metres
 from pymantaray.config.door.uniform import (
     geographic_of,
@@ -38,7 +39,6 @@ from pymantaray.ocean import (
     to_local,
     window_of,
 )
-from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.internal_tide import with_internal_tide
 from pymantaray.ocean.names import Equation
 from pymantaray.ocean.open import Source

@@ -17,12 +17,12 @@ from pymantaray.acoustics.profiles import (
     reduce_profile,
 )
 from pymantaray.arrays import Array
+from pymantaray.config.common import utc_instant
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
-from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.sea_floor_water import sea_floor_notes

@@ -20,8 +20,7 @@ from pymantaray.config.door.ocean import (
 )
 from pymantaray.config.door.sound import build_sound, build_timing
 from pymantaray.config.door.uniform import label, read_section_profiles
-from pymantaray.config.load import listed_sources, load_sound
-from pymantaray.config.options import dotted_keys, names_configuration
+from pymantaray.config.load import dotted_keys, listed_sources, load_sound, names_configuration
 from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
