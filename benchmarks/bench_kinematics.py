@@ -7,6 +7,7 @@ import statistics
 import time
 
 from pymantaray.config import load_study
+from pymantaray.config.door.fleet import build_vehicles
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 
@@ -14,7 +15,7 @@ from pymantaray.ocean import open_ocean, to_local
 def main() -> None:
     config = load_study("beaufort")
     ocean = to_local(open_ocean("synthetic:beaufort"))
-    fleet = config.fleet.build()
+    fleet = build_vehicles(config.fleet)
     seconds = []
     for _ in range(6):
         start = time.perf_counter()

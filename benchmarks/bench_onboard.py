@@ -22,6 +22,7 @@ from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.config import load_study
+from pymantaray.config.door.fleet import build_vehicles
 from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.fleet import simulate
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
@@ -50,7 +51,7 @@ def fly(hours: float, rng: np.random.Generator) -> tuple[Flight, Medium, dict[st
     """
     config = load_study("survey")
     ocean = mission_ocean(config)
-    vehicles = {vehicle.name: vehicle for vehicle in config.fleet.build()}
+    vehicles = {vehicle.name: vehicle for vehicle in build_vehicles(config.fleet)}
     truth = simulate(
         [vehicles["B"]],
         ocean.drift,

@@ -234,7 +234,7 @@ def test_a_cast_that_is_not_there_is_refused(tmp_path):
     path = odv(tmp_path / "odv.txt")
     with pytest.raises(MantaRayError, match=r"no casts are named 'x'; available: AB12/St0"):
         open_water(path, bathymetry=300.0, cast="x")
-    with pytest.raises(MantaRayError, match="the nearest cast needs a centre"):
+    with pytest.raises(MantaRayError, match="the nearest cast needs a `centre`"):
         open_water(path, bathymetry=300.0, cast="nearest")
-    with pytest.raises(MantaRayError, match="select it by name or place with --cast"):
+    with pytest.raises(MantaRayError, match="select it by its name or place with `cast`"):
         open_water(path, bathymetry=300.0)

@@ -142,7 +142,7 @@ def only_one(source: object, casts: Sequence[NamedT], error: type[MantaRayError]
     if len(casts) > 1:
         raise error(
             f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed;"
-            " select it by name or place with --cast (in a study: ocean.cast)"
+            " select it by its name or place with `cast`"
         )
     return casts[0]
 

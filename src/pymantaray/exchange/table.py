@@ -64,10 +64,16 @@ _TITLES = {
     for name in names.split()
     for unit, factor in units.items()
 }
-_UNITS: dict[str, list[str]] = {}
-for _names, _units in _COLUMNS.values():
-    for _name in _names.split():
-        _UNITS.setdefault(_name, []).extend(unit for unit in _units if unit)
+_UNITS = {
+    name: [
+        unit
+        for others, units in _COLUMNS.values()
+        for unit in units
+        if unit and name in others.split()
+    ]
+    for names, _ in _COLUMNS.values()
+    for name in names.split()
+}
 _LATITUDE_UNIT = re.compile(r"lat(itude)?[\W_]+(deg|rad)", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]

@@ -31,12 +31,12 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
 from pymantaray.apps.locate.displacement import campaign_of
+from pymantaray.apps.locate.fit_tests import HALVES, FitTest
 from pymantaray.apps.locate.mirror import Mirror
 from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
-from pymantaray.apps.locate.tests import HALVES, FitTest
 from pymantaray.apps.locate.write import summary, write_location
 from pymantaray.errors import LocateError
 

@@ -9,8 +9,7 @@ from drifting import constant_water, deep_water, drifting_survey, ornstein_uhlen
 from scipy.stats import chi2, kstest
 
 from pymantaray.apps.locate import LocateOptions, locate
-from pymantaray.apps.locate.sound_speed import Spline
-from pymantaray.apps.locate.tests import (
+from pymantaray.apps.locate.fit_tests import (
     HALVES,
     LEVEL,
     PATTERN,
@@ -19,6 +18,7 @@ from pymantaray.apps.locate.tests import (
     judged,
     widening,
 )
+from pymantaray.apps.locate.sound_speed import Spline
 
 EXACT = {"gnss": 0.0, "red": 0.0}
 

@@ -80,7 +80,7 @@ def fly():
         ocean = study.ocean.open()
         truth = simulate_fleet(study.fleet, ocean)
         ranging = range_fleet(study.ranging, ocean, study.sound.medium(ocean), truth)
-        return config, truth, [mark.build() for mark in config.landmarks], ranging
+        return config, truth, list(study.ranging.landmarks), ranging
 
     return one
 

@@ -13,7 +13,7 @@ from pymantaray.config.common import Section
 from pymantaray.config.door.fleet import build_fleet, build_pings
 from pymantaray.config.door.ocean import build_mission_ocean
 from pymantaray.config.door.sound import build_sound
-from pymantaray.config.door.study import build_study
+from pymantaray.config.door.study import build_landmarks, build_study
 
 
 class Names(dict):
@@ -51,7 +51,7 @@ class Reads:
             (
                 RAYS,
                 lambda: (
-                    [mark.build() for mark in config.landmarks],
+                    build_landmarks(config),
                     build_pings(config),
                     build_sound(config),
                 ),

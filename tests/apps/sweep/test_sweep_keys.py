@@ -134,6 +134,7 @@ READERS = {
     "pydap": "downloads files",
     "pyrsktools": "reads casts",
     "requests": "downloads files",
+    "rioxarray": "reads sea floors",
     "rerun": "writes files",
     "rosbags": "reads recordings",
     "ruamel": "reads recordings",

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtrc
 
+from pymantaray.apps.locate.fit_tests import LEVEL
 from pymantaray.apps.locate.survey import LARGEST_POSITION
-from pymantaray.apps.locate.tests import LEVEL
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame

@@ -20,6 +20,7 @@ from pymantaray.apps.locate.displacement import (
     displacement_between,
 )
 from pymantaray.apps.locate.earth import medium_on_earth
+from pymantaray.apps.locate.fit_tests import FitTest, fit_tests, test_table, widening
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.models import average_of_models, candidate_table, solve
@@ -27,7 +28,6 @@ from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
-from pymantaray.apps.locate.tests import FitTest, fit_tests, test_table, widening
 from pymantaray.arrays import Array
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.tangent_plane import TangentPlane

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
 from pymantaray.apps.locate.displacement import CAMPAIGN_FILE
+from pymantaray.apps.locate.fit_tests import HALVES
 from pymantaray.apps.locate.location import ellipse_points
 from pymantaray.apps.locate.options import CRITERIA
-from pymantaray.apps.locate.tests import HALVES
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.page import Card, Page, origin_table, write_page

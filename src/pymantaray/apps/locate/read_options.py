@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from pymantaray.apps.locate.survey import LeverArm, PlatformError, Survey
 from pymantaray.arrays import Array
@@ -141,6 +140,8 @@ class ReadOptions:
             raise LocateError(
                 "position_at: interpolation needs at least two pings; use `position_at='both'`"
             )
+        from scipy.interpolate import make_interp_spline
+
         # linear, also beyond the first and the last position
         at = make_interp_spline(rising, position[known][first], k=1)
         if self.position_at == "transmission":

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Campaign, campaign_values
+from pymantaray.apps.locate.fit_tests import test_table
 from pymantaray.apps.locate.location import Location, ellipse, ellipse_points
 from pymantaray.apps.locate.survey import Survey, TravelDirection
-from pymantaray.apps.locate.tests import test_table
 from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg

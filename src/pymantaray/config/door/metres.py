@@ -43,8 +43,7 @@ def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | No
     if data is None or not is_in_metres(data):
         if section.bearing is not None:
             raise OceanError(
-                "ocean.bearing (--bearing) applies to a section of sound speed by range and depth;"
-                " remove it"
+                "`bearing` applies to a section of sound speed by range and depth; remove it"
             )
         return None
     return along_bearing(data, section.bearing or 0.0) if is_section_data(data) else data

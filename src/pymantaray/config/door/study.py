@@ -123,6 +123,14 @@ class Study:
         return self.config.model_dump(mode="json")
 
 
+def build_landmarks(config: StudyConfig) -> tuple[Landmark, ...]:
+    """Landmarks of a configuration."""
+    return tuple(
+        Landmark(mark.name, np.array([mark.north, mark.east, mark.depth]), mark.sigma)
+        for mark in config.landmarks
+    )
+
+
 def build_study(config: StudyConfig) -> Study:
     """Study of a configuration that is complete, see `with_tracks`."""
     sensors = {name: config.noise.of_other(name) for name in config.mission.sensors}
@@ -136,10 +144,7 @@ def build_study(config: StudyConfig) -> Study:
         ocean=build_mission_ocean(config),
         fleet=build_fleet(config),
         ranging=MissionRanging(
-            landmarks=tuple(
-                Landmark(mark.name, np.array([mark.north, mark.east, mark.depth]), mark.sigma)
-                for mark in config.landmarks
-            ),
+            landmarks=build_landmarks(config),
             pings=build_pings(config),
             sound=build_sound(config),
         ),

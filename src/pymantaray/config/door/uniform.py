@@ -77,7 +77,7 @@ def _nearest(profiles: list[Profile], section: OceanSection) -> Profile:
     located = [profile for profile in profiles if profile.place is not None]
     if section.centre is None or not located:
         raise AcousticsError(
-            f"{section.source[0]}: the nearest cast needs a centre (--centre) and casts with"
+            f"{section.source[0]}: the nearest cast needs a `centre` and casts with"
             " positions; give the centre, or the name of a cast"
         )
     places = np.array([profile.place for profile in located])
