@@ -70,7 +70,11 @@ def open_water(source: Source, **options: Any) -> Water:
     >>> water.medium.sound_speed_at([[0.0, 0.0, 100.0]]).round(1)
     array([1449.5])
     """
-    return only_one(source, open_waters(source, **options), WaterError)
+    waters = open_waters(source, **options)
+    name: object = source
+    if isinstance(source, Sequence) and not isinstance(source, str):
+        name = ", ".join(map(str, source))
+    return only_one(name, waters, WaterError)
 
 
 def open_waters(source: Source, **options: Any) -> list[Water]:
