@@ -1,7 +1,6 @@
 """
 Oceans on the grids of ROMS, CROCO, NEMO, MOM6, polar stereographic models and rotated poles give
-the water that they were made of: fields linear in latitude, longitude and depth, and one current
-to east and north.
+the water that they were made of: temperatures and currents linear in latitude, longitude and depth.
 
 The grids are regular in a conformal projection of pyproj, so rows and columns cross at right
 angles, and geodesics of pyproj give the directions of the velocities.
@@ -15,7 +14,8 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean import ocean_times, open_ocean, sea_floor_depth, to_local
-from pymantaray.ocean.model_levels import s_level_depth
+from pymantaray.ocean.curvilinear import CurvilinearGrid, Regridding
+from pymantaray.ocean.model_levels import cell_depth, s_level_depth
 
 EAST, NORTH = 0.3, -0.1  # m/s
 TIMES = [0.0, 3.0]
@@ -29,6 +29,11 @@ GEOD = pyproj.Geod(ellps="WGS84")
 def warmth(lat, lon, depth):
     """Potential temperature [degC], linear in latitude, longitude and depth."""
     return 12.0 + 0.8 * (lat - 36.0) - 0.5 * np.asarray(lon + 75.0) - 0.004 * depth
+
+
+def current(lat, lon):
+    """Current to east and north [m/s], linear in latitude and longitude."""
+    return EAST + 0.4 * (lat - 36.0) + 0.3 * (lon + 75.0), NORTH - 0.2 * (lat - 36.0)
 
 
 class Grid:
@@ -60,7 +65,8 @@ class Grid:
             self.place(rows + k * step[0], columns + k * step[1]) for k in (-0.01, 0.01)
         )
         azimuth = np.radians(GEOD.inv(lon0, lat0, lon1, lat1)[0])
-        return EAST * np.sin(azimuth) + NORTH * np.cos(azimuth)
+        east, north = current(*self.place(rows, columns))
+        return east * np.sin(azimuth) + north * np.cos(azimuth)
 
     def angle(self):
         """Angle of the columns' axis from east at the points. [rad]"""
@@ -179,15 +185,16 @@ def nemo(*, partial=True):
     return [*files, mesh] if partial else files
 
 
-def mom6():
-    """File of MOM6 whose velocities have one more point, and its static file."""
+def mom6(*, symmetric=True):
+    """File of MOM6 and its static file; symmetric velocities have one more point."""
     grid = Grid()
     rows, columns = grid.indices()
     lat, lon = grid.place(rows, columns)
     wet = np.broadcast_to(grid.mask() > 0, (LEVELS.size, *grid.shape))
     water = np.where(wet, warmth(lat, lon, LEVELS[:, None, None]), np.nan)
-    u = grid.along(*grid.indices(column=-0.5, less=(0, -1)), (0, 1))
-    v = grid.along(*grid.indices(row=-0.5, less=(-1, 0)), (1, 0))
+    half, more = (-0.5, -1) if symmetric else (0.5, 0)
+    u = grid.along(*grid.indices(column=half, less=(0, more)), (0, 1))
+    v = grid.along(*grid.indices(row=half, less=(more, 0)), (1, 0))
     fields = {
         "thetao": (("yh", "xh"), water, "sea_water_potential_temperature", "degC"),
         "so": (("yh", "xh"), np.where(wet, 35.0, np.nan), "sea_water_salinity", "psu"),
@@ -339,18 +346,19 @@ def inside(ocean, margin, reach):
     return whole
 
 
-def check_water(ocean, first, last, *, shift=0.0, lon=None):
+def check_water(ocean, first, last, *, shift=0.0, lon=None, uniform=False):
     """Compare temperatures between two depths [m], and all currents, with those of the model."""
     depth = ocean["depth"].values
     levels = (depth >= first) & (depth <= last)
-    columns = inside(ocean, 2, last)
-    assert columns.sum() > 100
+    columns = inside(ocean, 3, last)  # at the edge of a grid, a velocity has one neighbour
+    assert columns.sum() > 80
     lon = ocean["lon"].values if lon is None else lon
     expected = warmth(ocean["lat"].values[:, None], lon, depth[:, None, None]) + shift
     error = np.abs(potential(ocean) - expected)[levels][:, columns]
     assert error.max() < 1e-4
-    for name, value in (("water_u", EAST), ("water_v", NORTH)):
-        assert np.abs(ocean[name].values[levels][:, columns] - value).max() < 2e-4
+    speeds = (EAST, NORTH) if uniform else current(ocean["lat"].values[:, None], lon)
+    for name, value in zip(("water_u", "water_v"), speeds, strict=True):
+        assert np.abs(ocean[name].values - value)[levels][:, columns].max() < 2e-4
 
 
 @pytest.mark.parametrize(
@@ -361,8 +369,9 @@ def check_water(ocean, first, last, *, shift=0.0, lon=None):
         (roms(croco=True), 8.0, 380.0),
         (nemo(), 2.0, 380.0),
         (mom6(), 2.0, 1100.0),
+        (mom6(symmetric=False), 2.0, 1100.0),
     ],
-    ids=["roms 2", "roms 1", "croco", "nemo", "mom6"],
+    ids=["roms 2", "roms 1", "croco", "nemo", "mom6", "mom6 not symmetric"],
 )
 def test_water_of_a_model_is_that_of_its_grid(files, first, last):
     ocean = open_ocean(files, time="2020-01-01T03:00")
@@ -388,7 +397,7 @@ def test_a_rotated_pole_needs_no_latitudes_in_two_dimensions():
     ocean = open_ocean(data, time="2020-01-01")
     assert lat.min() < ocean["lat"].values[0]
     assert lon.max() > ocean["lon"].values[-1]
-    check_water(ocean, 2.0, 1100.0, shift=-12.0, lon=ocean["lon"].values - 95.0)
+    check_water(ocean, 2.0, 1100.0, shift=-12.0, lon=ocean["lon"].values - 95.0, uniform=True)
 
 
 def layers():
@@ -525,3 +534,39 @@ def test_an_incomplete_model_is_refused_in_one_line(case):
 def test_a_window_outside_a_model_is_refused():
     with pytest.raises(OceanError, match="no grid point in the window"):
         open_ocean(roms(), time="2020-01-01", window=(10.0, 11.0, 5.0, 6.0))
+
+
+def test_a_cut_cell_is_in_the_middle_of_the_rest():
+    """The last of three cells is 12 m of 20 m thick; full cells keep their own depths."""
+    thickness = np.array([[10.0, 10.0], [20.0, 20.0], [20.0, 12.0]])
+    full = np.array([5.2, 20.5, 41.0])
+    np.testing.assert_allclose(
+        cell_depth(thickness, full), [[5.2, 5.2], [20.5, 20.5], [41.0, 36.0]]
+    )
+    np.testing.assert_allclose(
+        cell_depth(thickness, None), [[5.0, 5.0], [20.0, 20.0], [40.0, 36.0]]
+    )
+
+
+@pytest.mark.parametrize("place", [(0.3, 0.2), (0.6, 0.7), (0.8, 0.7)])
+def test_wet_corners_share_the_weights_of_dry_ones(place):
+    """Three corners of a cell are wet; a place in the water has half of the weights there."""
+    grid = CurvilinearGrid(*np.meshgrid([10.0, 11.0], [20.0, 21.0], indexing="ij"))
+    lat, lon = (np.array([first + share]) for first, share in zip((10.0, 20.0), place, strict=True))
+    u, v = place[1], place[0]
+    weights = np.array([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v])
+    found = Regridding.to(grid, lat, lon)(np.array([[0.0, 1.0], [2.0, np.nan]]))
+    if weights.sum() < 0.5:
+        assert np.isnan(found).all()
+        return
+    assert found[0, 0] == pytest.approx(weights @ [0.0, 1.0, 2.0] / weights.sum(), abs=5e-3)
+
+
+def test_the_axes_of_a_window_reach_its_sides():
+    window = (35.9, 36.1, -75.1, -74.9)
+    ocean = open_ocean(roms(), time="2020-01-01", window=window)
+    lat, lon = ocean["lat"].values, ocean["lon"].values
+    assert lat[0] - window[0] < np.diff(lat)[0]
+    assert window[1] - lat[-1] < np.diff(lat)[0]
+    assert lon[0] - window[2] < np.diff(lon)[0]
+    assert window[3] - lon[-1] < np.diff(lon)[0]

@@ -247,14 +247,15 @@ def index_signs(field: Field) -> tuple[float, float]:
 
 
 def neighbours(
-    field: Field, tracer: Field, points: CurvilinearGrid
+    field: Field, tracer: Field, points: CurvilinearGrid, along: int
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """
     Neighbours of a point of temperature, along rows and columns, between which it lies in the grid
     of a velocity: (-1, 0), (0, 1), or (0, 0) for the same point.
 
-    By the numbers of points; if they are equal, by the coordinates of the velocity in its own file;
-    without these, a dimension of another name is one half-way after a point.
+    By the numbers of points; if all are equal, by the coordinates of the velocity in its own file;
+    without these, a dimension of another name along the velocity's own axis (0: rows, 1: columns)
+    is half-way after a point.
     """
     own = grid_of([field.data], field)
     found = []
@@ -272,7 +273,7 @@ def neighbours(
         else:
             shift = 0.5 * (more == -1) - 0.5 * (more == 1)
             other = field.variable.dims[k] != tracer.variable.dims[k]
-            if more == 0 and other and field.data is tracer.data:
+            if axis == along and more == 0 and other and field.data is tracer.data:
                 shift = 0.5
         found.append((-1, 0) if shift > 0.25 else ((0, 1) if shift < -0.25 else (0, 0)))
     return found[0], found[1]

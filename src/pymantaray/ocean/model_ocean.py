@@ -232,7 +232,10 @@ class _Model:
         Velocities to east and north, from such velocities or with ``turn`` from those along the
         axes of the grid.
         """
-        beside = [neighbours(field, self.temperature, self.whole) for field in (u, v)]
+        beside = [
+            neighbours(field, self.temperature, self.whole, along)
+            for field, along in ((u, 1), (v, 0))
+        ]
 
         def component(k: int, instant: int) -> Array:
             both = list(zip((u, v), beside, strict=True))
