@@ -348,7 +348,7 @@ def test_a_report_without_a_figure_that_fails_is_complete_and_says_so(
     def without_drawing(results):
         return [s if s.name == "a" else replace(s, draw=Figure) for s in specs(results)]
 
-    monkeypatch.setattr(report, "run_figure_specs", without_drawing)
+    monkeypatch.setattr(figures, "run_figure_specs", without_drawing)
     page, (line,) = report.report_of(run)
     text = page.read_text()
     assert "A figure is missing: package &#39;other&#39;: its entry point" in text

@@ -217,7 +217,7 @@ def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, mo
     command = f"mantaray study report {run}"
     assert done.err.splitlines()[-1] == f"the data are complete; write their report with: {command}"
     monkeypatch.setattr(
-        "pymantaray.apps.study.report.run_figure_specs", lambda _: []
+        "pymantaray.apps.study.figures.register.run_figure_specs", lambda _: []
     )  # other tests look at figures
     done = mantaray(*command.split()[1:])
     assert (done.code, done.out) == (0, f"{run / 'index.html'}\n")
@@ -333,7 +333,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
     browser.write_text(f'#!/bin/sh\necho "$1" > {browser.resolve()}.opened\n')
     browser.chmod(0o755)
     monkeypatch.setattr(
-        "pymantaray.apps.study.report.run_figure_specs", lambda _: []
+        "pymantaray.apps.study.figures.register.run_figure_specs", lambda _: []
     )  # other tests look at figures
     for command, said in (
         (f"{browser.resolve()} %s", ""),
