@@ -35,7 +35,6 @@ from pymantaray.ocean.files import (
     open_file,
     unreadable,
 )
-from pymantaray.ocean.model_ocean import on_geographic_axes
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.schema import SEA_FLOOR, VARIABLES, validate_ocean, with_history
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
@@ -384,6 +383,8 @@ class Collection:
     ) -> None:
         if not paths:
             raise OceanError("ocean: no file; name at least one NetCDF file")
+        from pymantaray.ocean.model_ocean import on_geographic_axes
+
         with ExitStack() as stack:
             data = [open_file(path) for path in paths]
             for one in data:
