@@ -223,8 +223,9 @@ def test_one_cast_of_many_is_chosen_by_name_or_place(tmp_path, options, name):
 
 
 @pytest.mark.parametrize("k", [0, 1])
-def test_casts_at_one_place_are_chosen_by_time(tmp_path, monkeypatch, k):
-    monkeypatch.setattr(f"{__name__}.PLACES", [PLACES[0], PLACES[0]])
+def test_casts_at_nearly_one_place_are_chosen_by_time(tmp_path, monkeypatch, k):
+    beside = PLACES[0][0] + 0.005, PLACES[0][1]  # 560 m
+    monkeypatch.setattr(f"{__name__}.PLACES", [PLACES[0], beside])
     path = odv(tmp_path / "odv.txt")
     chosen = {"cast": "nearest", "centre": PLACES[0], "time": TIMES[k]}
     assert open_water(path, bathymetry=300.0, **chosen).name == f"AB12/St{k}"

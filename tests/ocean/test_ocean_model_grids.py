@@ -421,6 +421,20 @@ def test_layers_are_where_their_thickness_puts_them():
     check_water(open_ocean(layers(), time="2020-01-01"), 10.0, 900.0)
 
 
+def test_thicknesses_are_those_of_the_file_and_the_instant():
+    """The second of two files has thicker layers, with the water at their middles."""
+    data, static = layers()
+    thick = 1.3 * data["h"]
+    lat, lon = (static[name].values for name in ("geolat", "geolon"))
+    middle = np.cumsum(thick.values[0], axis=0) - 0.5 * thick.values[0]
+    water = np.where(np.isfinite(data["thetao"]), warmth(lat, lon, middle), np.nan)
+    times = xr.Variable("time", [6.0, 9.0], SINCE)
+    later = data.assign(h=thick, thetao=(data["thetao"].dims, water, data["thetao"].attrs))
+    files = [data, later.assign_coords(time=times), static]
+    check_water(open_ocean(files, time="2020-01-01T09:00"), 10.0, 900.0)
+    check_water(open_ocean(files, time="2020-01-01T03:00"), 10.0, 900.0)
+
+
 @pytest.mark.parametrize("transform", [1, 2])
 def test_s_levels_reach_from_the_bed_to_the_sea_level(transform):
     bed, zeta = np.array([40.0, 900.0]), np.array([0.5, -0.3])
@@ -518,6 +532,10 @@ REFUSED = {
         [nemo()[0], nemo()[1].isel(x=slice(20)), nemo()[2].isel(x=slice(20))],
         "belong to different grids",
     ),
+    "files of two grids": (
+        [roms()[0], roms()[0].isel(eta_rho=slice(30))],
+        "all files must have one grid",
+    ),
     "members": ([d.expand_dims(member=2) for d in mom6()[:1]] + mom6()[1:], "'member'"),
 }
 
@@ -563,10 +581,10 @@ def test_wet_corners_share_the_weights_of_dry_ones(place):
 
 
 def test_the_axes_of_a_window_reach_its_sides():
-    window = (35.9, 36.1, -75.1, -74.9)
-    ocean = open_ocean(roms(), time="2020-01-01", window=window)
-    lat, lon = ocean["lat"].values, ocean["lon"].values
-    assert lat[0] - window[0] < np.diff(lat)[0]
-    assert window[1] - lat[-1] < np.diff(lat)[0]
-    assert lon[0] - window[2] < np.diff(lon)[0]
-    assert window[3] - lon[-1] < np.diff(lon)[0]
+    """Points at half degrees, axes at whole ones: those at the sides need points outside."""
+    half = np.arange(12) + 0.5
+    whole = CurvilinearGrid(*np.meshgrid(half, half, indexing="ij"))
+    window = (2.0, 7.0, 3.0, 8.0)
+    lat, lon = whole.part(whole.box(window, "grid")).axes(window, "grid")
+    np.testing.assert_allclose(lat[[0, -1]], window[:2])
+    np.testing.assert_allclose(lon[[0, -1]], window[2:])

@@ -102,8 +102,9 @@ def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
         raise ExchangeError(
             f"{path}: fixes without a date; the receiver must also write RMC or ZDA sentences"
         )
+    first = min([*second, *fixes, *([] if last is None else [last])], default=0.0)
     for clock, place in waiting:
-        fixes.setdefault(_nearest(clock, min([*second, *fixes, last or 0.0])), place)
+        fixes.setdefault(_nearest(clock, first), place)
     merged = second | fixes
     if not merged:
         raise ExchangeError(f"{path}: no valid fix among its GGA and RMC sentences")
@@ -144,7 +145,7 @@ def _clock(text: str) -> float:
 
 
 def _dated(date: str, clock: str) -> float:
-    """Seconds since 1970 of a date such as 240714 and a time of day; years from 2000 to 2079."""
+    """Seconds since 1970 of a date such as 240714 and a time of day; years from 1980 to 2079."""
     if not re.fullmatch(r"\d{6}", date):
         raise ValueError(date)
     year = int(date[4:]) + (2000 if int(date[4:]) < 80 else 1900)

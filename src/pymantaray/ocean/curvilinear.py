@@ -38,7 +38,7 @@ class Box:
         return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurvilinearGrid:
     """
     Points of a grid whose latitudes and longitudes vary along both of its axes.
@@ -191,7 +191,7 @@ class CurvilinearGrid:
         return found[0], found[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Regridding:
     """Bilinear interpolation from the points of a grid to latitudes and longitudes."""
 

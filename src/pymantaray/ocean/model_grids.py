@@ -53,7 +53,7 @@ _UNITS = {
 _FIELD_DIMENSIONS = 3  # levels, rows, columns
 
 
-class Field(NamedTuple):
+class ModelField(NamedTuple):
     """A variable of a file."""
 
     data: xr.Dataset
@@ -85,17 +85,17 @@ class Field(NamedTuple):
         return values.reshape(values.shape[-kept:])
 
 
-def standard_name(field: Field, role: str) -> str:
+def standard_name(field: ModelField, role: str) -> str:
     """Standard name of a field, of its own or as its name says in models."""
     return text(field.variable, "standard_name") or _FIELDS[role][1][0]
 
 
-def fields_of(files: Sequence[xr.Dataset], role: str) -> Iterator[Field]:
+def fields_of(files: Sequence[xr.Dataset], role: str) -> Iterator[ModelField]:
     """Variables of a role, one for each file that has it; standard names have priority."""
     names, standard_names = _FIELDS[role]
     for data in files:
         whole = [
-            Field(data, str(name))
+            ModelField(data, str(name))
             for name, variable in data.variables.items()
             if variable.ndim >= _FIELD_DIMENSIONS
         ]
@@ -106,7 +106,7 @@ def fields_of(files: Sequence[xr.Dataset], role: str) -> Iterator[Field]:
 
 def on_points(
     files: Sequence[xr.Dataset], names: Sequence[str], shape: Sequence[int]
-) -> Field | None:
+) -> ModelField | None:
     """
     First variable with one of the names, whose last dimensions have a shape and whose others are
     not larger than an axis of time.
@@ -117,11 +117,11 @@ def on_points(
                 there = data.variables[name]
                 extra = there.ndim - len(shape)
                 if extra in (0, 1) and there.shape[extra:] == tuple(shape):
-                    return Field(data, name)
+                    return ModelField(data, name)
     return None
 
 
-def is_curvilinear(files: Sequence[xr.Dataset], field: Field) -> bool:
+def is_curvilinear(files: Sequence[xr.Dataset], field: ModelField) -> bool:
     """
     True if a field has latitudes in two dimensions, or a map projection, and no latitude in one.
     """
@@ -139,7 +139,7 @@ def is_curvilinear(files: Sequence[xr.Dataset], field: Field) -> bool:
     )
 
 
-def grid_of(files: Sequence[xr.Dataset], field: Field) -> CurvilinearGrid | None:
+def grid_of(files: Sequence[xr.Dataset], field: ModelField) -> CurvilinearGrid | None:
     """
     Points of a field: from latitudes and longitudes in two dimensions, or from a map projection and
     its axes; None without both.
@@ -156,7 +156,7 @@ def grid_of(files: Sequence[xr.Dataset], field: Field) -> CurvilinearGrid | None
     return CurvilinearGrid(*(np.where(impossible, np.nan, v) for v in values))
 
 
-def _coordinate(files: Sequence[xr.Dataset], field: Field, axis: str) -> Field | None:
+def _coordinate(files: Sequence[xr.Dataset], field: ModelField, axis: str) -> ModelField | None:
     """
     Latitude or longitude of a field in two dimensions: as its attribute ``coordinates`` says, by
     units and standard name in its file, then by name in all files.
@@ -176,11 +176,11 @@ def _coordinate(files: Sequence[xr.Dataset], field: Field, axis: str) -> Field |
             _UNITS[axis]
         )
         if right and fits(own, name):
-            return Field(own, name)
+            return ModelField(own, name)
     for data in (own, *files):
         for name in map(str, data.variables):
             if name.lower() in _COORDINATES[axis] and fits(data, name):
-                return Field(data, name)
+                return ModelField(data, name)
     return None
 
 
@@ -193,7 +193,7 @@ def _mapping(data: xr.Dataset) -> str | None:
     return None
 
 
-def _projected(field: Field) -> CurvilinearGrid | None:
+def _projected(field: ModelField) -> CurvilinearGrid | None:
     """Points from the axes of a map projection, whose units may be multiples such as 100 km."""
     import pyproj
 
@@ -216,16 +216,16 @@ def _projected(field: Field) -> CurvilinearGrid | None:
     return CurvilinearGrid(np.asarray(lat), np.asarray(lon))
 
 
-def _axis(field: Field, k: int) -> Field | None:
+def _axis(field: ModelField, k: int) -> ModelField | None:
     """Variable along one dimension of a field, or None."""
     dim = field.variable.dims[k]
     for name, there in field.data.variables.items():
         if there.dims == (dim,) and there.dtype.kind in "iuf" and there.size > 1:
-            return Field(field.data, str(name))
+            return ModelField(field.data, str(name))
     return None
 
 
-def _metres(axis: Field) -> Array:
+def _metres(axis: ModelField) -> Array:
     """Values of an axis in metres, or in degrees for a rotated pole."""
     values = numbers(axis.data, axis.name)
     match = re.fullmatch(r"\s*([\d.]*)\s*(k?)(m|met(?:er|re)s?)\s*", text(axis.variable, "units"))
@@ -233,7 +233,7 @@ def _metres(axis: Field) -> Array:
     return np.asarray(values * factor)
 
 
-def index_signs(field: Field) -> tuple[float, float]:
+def index_signs(field: ModelField) -> tuple[float, float]:
     """
     1 for columns and for rows whose axis of a projection increases with the index, otherwise -1:
     velocities are along the axes.
@@ -247,7 +247,7 @@ def index_signs(field: Field) -> tuple[float, float]:
 
 
 def neighbours(
-    field: Field, tracer: Field, points: CurvilinearGrid, along: int
+    field: ModelField, tracer: ModelField, points: CurvilinearGrid, along: int
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """
     Neighbours of a point of temperature, along rows and columns, between which it lies in the grid

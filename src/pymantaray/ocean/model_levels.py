@@ -8,7 +8,6 @@ import numpy as np
 from pymantaray.arrays import Array
 
 _LEAST_STEP, _STEP_SHARE = 0.5, 0.02  # m, and of the depth: least distance of fixed depths
-_DEEPEST_SHARE = 0.999  # of the deepest bed: columns of these depths give the fixed depths
 
 
 def s_level_depth(

@@ -22,7 +22,7 @@ from pymantaray.ocean.convert import is_unit_of, levels
 from pymantaray.ocean.curvilinear import Box, CurvilinearGrid, Regridding
 from pymantaray.ocean.files import file_name, numbers, text
 from pymantaray.ocean.model_grids import (
-    Field,
+    ModelField,
     fields_of,
     grid_of,
     index_signs,
@@ -66,7 +66,7 @@ def on_geographic_axes(
     return _Model.of(files, temperature, salinity, window).data_sets()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Levels:
     """Levels of a model: their fixed depths, or what their depths are computed from."""
 
@@ -74,20 +74,20 @@ class _Levels:
     """Depths in the order of the file, if they are the same everywhere. [m]"""
     upward: bool
     """True if the first level of the file is the deepest."""
-    thickness: Field | None
+    thickness: ModelField | None
     s: tuple[Array, Array, float, int] | None
     """s-coordinate, stretching curve, critical depth [m] and transform, in the file's order."""
     name: str
     """For the history."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Model:
     """Grid of a model, restricted to a window, and its files."""
 
     files: Sequence[xr.Dataset]
-    temperature: Field
-    salinity: Field
+    temperature: ModelField
+    salinity: ModelField
     box: Box
     grid: CurvilinearGrid
     """Points in the box."""
@@ -100,8 +100,8 @@ class _Model:
     def of(
         cls,
         files: Sequence[xr.Dataset],
-        temperature: Field,
-        salinity: Field,
+        temperature: ModelField,
+        salinity: ModelField,
         window: GeographicWindow | None,
     ) -> "_Model":
         """Find grid and levels; raises OceanError if they are incomplete."""
@@ -127,7 +127,7 @@ class _Model:
         """Depths (levels, rows, columns) without sea level, at the first instant. [m]"""
         return self._depth(self.temperature, 0, still=True)
 
-    def _depth(self, field: Field, instant: int, *, still: bool = False) -> Array:
+    def _depth(self, field: ModelField, instant: int, *, still: bool = False) -> Array:
         """Depths of the levels at points of temperature, increasing. [m]"""
         own = self.levels
         rows = self._in_order
@@ -140,10 +140,12 @@ class _Model:
             bed = np.maximum(np.nan_to_num(self._bed, nan=1.0), 1e-3)
             return np.asarray(rows(s_level_depth(s, stretching, critical, bed, zeta, transform)))
         if own.thickness is not None:
-            varies = own.thickness.time != ""
-            thickness = rows(own.thickness.block(self.box, instant if varies else 0))
-            full = None if varies or own.fixed is None else rows(own.fixed)
-            return cell_depth(np.where(self.wet, thickness, 0.0), full)
+            # thicknesses that vary in time are those of the field's own file and instant
+            shape = self.temperature.variable.shape[-3:]
+            varying = on_points([field.data], _THICKNESS, shape) or own.thickness
+            thickness = varying.block(self.box, instant if varying.data is field.data else 0)
+            full = None if varying.time or own.fixed is None else rows(own.fixed)
+            return cell_depth(np.where(self.wet, rows(thickness), 0.0), full)
         assert own.fixed is not None  # one of the three
         shape = own.fixed.size, *self.box.shape
         return np.broadcast_to(rows(own.fixed)[:, None, None], shape)
@@ -198,25 +200,31 @@ class _Model:
             return self._in_order(self.levels.fixed)
         return fixed_depths(self._still_depth, np.where(self.wet[0], self._bed, np.nan))
 
-    def _regridded(self, values: Array, field: Field, instant: int) -> Array:
+    def _regridded(self, values: Array, field: ModelField, instant: int) -> Array:
         """Values (levels, rows, columns) on depth, latitude and longitude."""
         if self._varies:
             bed = np.where(self.wet[0], self._bed, 0.0)
             values = to_depths(values, self._depth(field, instant), bed, self.depth)
         return np.stack([self._regridding(layer) for layer in values])
 
-    def _tracer(self, field: Field, instant: int) -> Array:
+    def _tracer(self, field: ModelField, instant: int) -> Array:
         values = self._in_order(field.block(self.box, instant))
         return self._regridded(np.where(self.wet, values, np.nan), field, instant)
 
     def data_sets(self) -> list[xr.Dataset]:
         """One data set for each file with fields; the first has the sea floor."""
-        variables: dict[int, list[_Variable]] = {}
+        variables: dict[int, list[_OnAxes]] = {}
         for role in ("water_temp", "salinity"):
             for field in fields_of(self.files, role):
+                if field.variable.shape[-3:] != self.temperature.variable.shape[-3:]:
+                    raise OceanError(
+                        f"{field.where} has {field.variable.shape[-3:]} levels, rows and columns,"
+                        f" {self.temperature.where} {self.temperature.variable.shape[-3:]}; all"
+                        " files must have one grid"
+                    )
                 read = partial(self._tracer, field)
                 own = variables.setdefault(id(field.data), [])
-                own.append(_Variable(field, standard_name(field, role), read))
+                own.append(_OnAxes(field, standard_name(field, role), read))
         for turn, pair in ((False, ("water_u", "water_v")), (True, ("x", "y"))):
             pairs = _pairs(*(list(fields_of(self.files, role)) for role in pair))
             for u, v in pairs:
@@ -227,7 +235,7 @@ class _Model:
             self._data_set(own, floor=number == 0) for number, own in enumerate(variables.values())
         ]
 
-    def _velocity(self, u: Field, v: Field, *, turn: bool) -> list["_Variable"]:
+    def _velocity(self, u: ModelField, v: ModelField, *, turn: bool) -> list["_OnAxes"]:
         """
         Velocities to east and north, from such velocities or with ``turn`` from those along the
         axes of the grid.
@@ -247,7 +255,7 @@ class _Model:
 
         names = ("eastward_sea_water_velocity", "northward_sea_water_velocity")
         return [
-            _Variable(field, name, partial(component, k))
+            _OnAxes(field, name, partial(component, k))
             for k, (field, name) in enumerate(zip((u, v), names, strict=True))
         ]
 
@@ -267,7 +275,7 @@ class _Model:
         return signs[0] * along, signs[1] * across
 
     def _centred(
-        self, field: Field, beside: tuple[tuple[int, int], tuple[int, int]], instant: int
+        self, field: ModelField, beside: tuple[tuple[int, int], tuple[int, int]], instant: int
     ) -> Array:
         """
         Velocity at the points of temperature: mean of the two neighbours, of which a masked one
@@ -290,7 +298,7 @@ class _Model:
             values = np.where(some, 0.5 * (np.nan_to_num(a) + np.nan_to_num(b)), np.nan)
         return values
 
-    def _data_set(self, fields: Sequence["_Variable"], *, floor: bool) -> xr.Dataset:
+    def _data_set(self, fields: Sequence["_OnAxes"], *, floor: bool) -> xr.Dataset:
         """Data set of variables with one axis of time."""
         first = fields[0].field
         time = _time_of(first)
@@ -352,10 +360,10 @@ class _Model:
         return data.attrs | {"history": f"{before}\n{line}" if before else line}
 
 
-class _Variable(NamedTuple):
+class _OnAxes(NamedTuple):
     """Variable of a data set: field of the model, standard name, and values at an instant."""
 
-    field: Field
+    field: ModelField
     standard_name: str
     read: Callable[[int], Array]
 
@@ -382,7 +390,7 @@ class _Later(BackendArray):
         return np.stack([self._read(int(i)) for i in instants])[(slice(None), *key[1:])]
 
 
-def _pairs(u: Sequence[Field], v: Sequence[Field]) -> list[tuple[Field, Field]]:
+def _pairs(u: Sequence[ModelField], v: Sequence[ModelField]) -> list[tuple[ModelField, ModelField]]:
     """Velocities along both axes in one file, or in two files with the same times."""
     found = []
     for one in u:
@@ -392,7 +400,7 @@ def _pairs(u: Sequence[Field], v: Sequence[Field]) -> list[tuple[Field, Field]]:
     return found
 
 
-def _equal_times(a: Field, b: Field) -> bool:
+def _equal_times(a: ModelField, b: ModelField) -> bool:
     names = _time_of(a), _time_of(b)
     if names[0] is None or names[1] is None:
         return names == (None, None)
@@ -400,7 +408,7 @@ def _equal_times(a: Field, b: Field) -> bool:
     return values[0].shape == values[1].shape and bool(np.all(values[0] == values[1]))
 
 
-def _time_of(field: Field) -> str | None:
+def _time_of(field: ModelField) -> str | None:
     """Coordinate of time of a field: along its dimension of time, or scalar; None without one."""
     dims = field.variable.dims[:-3]
     known = [
@@ -419,7 +427,7 @@ def _time_of(field: Field) -> str | None:
     return found[0] if found else None
 
 
-def _levels_of(files: Sequence[xr.Dataset], field: Field) -> _Levels:
+def _levels_of(files: Sequence[xr.Dataset], field: ModelField) -> _Levels:
     """Levels of a field, from the variables that describe them in any of the files."""
     count = field.variable.shape[-3]
     stretching = on_points(files, ("Cs_r",), (count,))
@@ -448,7 +456,7 @@ def _levels_of(files: Sequence[xr.Dataset], field: Field) -> _Levels:
     return _Levels(fixed, upward, thickness, None, name)
 
 
-def _depth_axis(field: Field) -> str | None:
+def _depth_axis(field: ModelField) -> str | None:
     """Coordinate with the depths of a field's levels in metres."""
     dim = field.variable.dims[-3]
     for name, there in field.data.variables.items():
@@ -462,7 +470,7 @@ def _attribute(files: Sequence[xr.Dataset], name: str) -> Any:
     return next((data.attrs[name] for data in files if name in data.attrs), None)
 
 
-def _transform(files: Sequence[xr.Dataset], s: Field) -> int:
+def _transform(files: Sequence[xr.Dataset], s: ModelField) -> int:
     """Number of the equation of s-levels: of the file, by standard name, or CROCO's attribute."""
     own = on_points(files, ("Vtransform",), ())
     known = _TRANSFORMS.get(text(s.variable, "standard_name"))
