@@ -656,7 +656,7 @@ def aim(s, walls, cell, pos, h, ray, axis):
     w, rate = ray.y[at.W], ray.K[0, at.W]
     z = axis.z_source + w
     best, face = h, -1
-    if b < s.n_range - 1 and s.breaks[b + 1] - pos < best:
+    if b < s.n_range - 1 and _SHORTEST_AIM < s.breaks[b + 1] - pos < best:
         best, face = s.breaks[b + 1] - pos, FAR
     field = linear_full(s, b, k, pos, z)
     bend = (1.0 + rate * rate) * (field[2] * rate - field[1]) / field[0]
