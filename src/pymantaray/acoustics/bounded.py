@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.geometry.natural_spline import SLOPE_SHARE, hermite_overshoot, natural_slopes
-from pymantaray.geometry.splines import ACROSS_MARGIN, spline_overshoot
+from pymantaray.geometry.splines import ACROSS_MARGIN, spline_degree
 
 DEPTH_MARGIN = 3.0
 """Distance by which a spline in depth may leave the range of two neighbouring levels. [m/s]"""
@@ -88,10 +88,9 @@ def across_degrees(
     notes = []
     span = speed.max(axis=0).max(axis=0) - speed.min(axis=0).min(axis=0)
     for k, name in enumerate(("north", "east")):
-        degrees.append(min(3, axes[k].size - 1))
-        beyond = spline_overshoot(axes[k], speed, span, axis=k, ignore=ACROSS_MARGIN)
+        degree, beyond = spline_degree(axes[k], speed, span, axis=k)
+        degrees.append(degree)
         if beyond > ACROSS_MARGIN:
-            degrees[k] = 1
             notes.append(
                 f"along {name} the sound speed is linear between grid points: a spline would leave"
                 f" them by {beyond:.0f} m/s"

@@ -127,6 +127,15 @@ def spline_overshoot(
     return float(beyond.max())
 
 
+def spline_degree(points: Array, values: Array, span: Array, *, axis: int) -> tuple[int, float]:
+    """
+    Degree of the B-spline of sound speed along an axis, and the distance by which a cubic would
+    leave the grid points, see `spline_overshoot`; the degree is 1 where this exceeds the margin.
+    """
+    beyond = spline_overshoot(points, values, span, axis=axis, ignore=ACROSS_MARGIN)
+    return 1 if beyond > ACROSS_MARGIN else min(3, points.size - 1), beyond
+
+
 def _elimination(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
     """Steps that make a matrix diagonal without exchange of rows, and the diagonal."""
     remainder = matrix.copy()

@@ -3,22 +3,28 @@ Sections of sound speed by range and depth: tables, Bellhop's ``.ssp`` with its 
 sets with axes ``range`` and ``depth``.
 """
 
+import math
 import re
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import make_interp_spline
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
+from pymantaray.geometry.splines import spline_degree
+from pymantaray.ocean.local import assemble_local
 from pymantaray.user_files import first_bytes, read_text
 
 _TABLES = (".csv", ".txt", ".tsv", ".dat")
-_HEAD = 20_000  # bytes, of the first row
+_HEAD = 2**20  # bytes, of the first two rows
 _LEAST_RANGES = 2
-_FINER = 4  # steps of the grid of a turned section per step of its ranges
-_MOST_NODES = 400  # of that grid, along each side
+# nodes of the grid of a turned section per shortest step of its ranges; straight lines with kinks
+# need more than splines
+_FINER_SPLINE, _FINER_LINE = 4, 8
+_MOST_VALUES = 2**24  # of that grid
 _SPEEDS = (1300.0, 1800.0)  # m/s; limits of a sound speed in water
 
 
@@ -32,10 +38,10 @@ def is_range_section(path: str | Path) -> bool:
         return True
     if path.suffix not in _TABLES:
         return False
-    rows = first_bytes(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
+    rows = _rows(first_bytes(path, _HEAD).decode("utf-8-sig", "replace"))
     if len(rows) < 2:
         return False
-    ranges, first = (_numbers(_cells(row)[1:]) for row in rows[:2])
+    ranges, first = (_numbers(row[1:]) for _, row in rows[:2])
     return (
         ranges is not None
         and first is not None
@@ -82,33 +88,98 @@ def read_range_section(path: str | Path) -> xr.Dataset:
     )
 
 
-def along_bearing(data: xr.Dataset, bearing: float) -> xr.Dataset:
+def along_axis(data: xr.Dataset, bearing: float) -> xr.Dataset:
     """
-    Data set in metres (north, east, depth) of a section: range 0 is at the origin, and the sound
-    speed is uniform across the section.
+    Data set in metres (north, east, depth) of a section along an axis of the frame: range 0 is at
+    the origin, and the sound speed is uniform across the section.
 
-    ``bearing`` is the direction of the section, clockwise from north [degrees]. Along an axis of
-    the frame the ranges are nodes of the grid; otherwise its nodes are four times as dense, with
-    linear interpolation between the ranges.
+    ``bearing`` is the direction of the section, clockwise from north [degrees]; one between the
+    axes is along north here, and `turned` turns the local ocean.
     """
     ranges = np.asarray(data["range"].values, dtype=float)
     farthest = float(np.abs(ranges).max())
-    quarter = round(bearing / 90.0)
-    if bearing == 90.0 * quarter:
-        along, across = ("north", "east") if quarter % 2 == 0 else ("east", "north")
-        sign = 1.0 if quarter % 4 in (0, 1) else -1.0
-        axis = {along: ("range", sign * ranges)}
-        turned = data.assign_coords(axis).swap_dims(range=along).drop_vars("range").sortby(along)
-        return turned.expand_dims({across: [-farthest, farthest]})
-    step = float(np.diff(ranges).min()) / _FINER  # of the nodes
-    count = min(int(np.ceil(2.0 * farthest / step)) + 1, _MOST_NODES)
-    nodes = np.linspace(-farthest, farthest, count)
+    quarter = round(bearing / 90.0) if _is_along_axis(bearing) else 0
+    along, across = ("north", "east") if quarter % 2 == 0 else ("east", "north")
+    sign = 1.0 if quarter % 4 in (0, 1) else -1.0
+    moved = data.assign_coords({along: ("range", sign * ranges)}).swap_dims(range=along)
+    return moved.drop_vars("range").sortby(along).expand_dims({across: [-farthest, farthest]})
+
+
+def turned(
+    local: xr.Dataset,
+    bearing: float,
+    *,
+    smooth: bool,
+    half_extent: tuple[float, float] | None = None,
+) -> xr.Dataset:
+    """
+    Local ocean of a section along a bearing from one along north; unchanged along an axis.
+
+    Its grid has four nodes per shortest step of the ranges, eight for LINEAR media. The sound speed
+    there is on the spline of the medium along the ranges, or linear between them, and the sea floor
+    is linear. Travel times through a front of 12 m/s in 1 km are within 0.3 us of those along an
+    axis, 2 us in LINEAR media (tests). Beyond its ends the section continues by one step with the
+    slope at its end, and is uniform farther out.
+
+    Parameters
+    ----------
+    local : xarray.Dataset
+        Local ocean of the section along north.
+    bearing : float
+        Clockwise from north. [degrees]
+    smooth : bool
+        True for the interpolation of smooth media.
+    half_extent : tuple of float, optional
+        Half sides of the grid, north and east; by default the farthest range. [m]
+
+    Raises
+    ------
+    OceanError
+        If the grid would be too large.
+    """
+    if _is_along_axis(bearing):
+        return local
+    ranges, depth = local["north"].values, local["depth"].values
+    finer = _FINER_SPLINE if smooth else _FINER_LINE
+    step = float(np.diff(ranges).min()) / finer
+    sides = half_extent or (float(np.abs(ranges).max()),) * 2
+    counts = [math.ceil(2.0 * side / step) + 1 for side in sides]
+    if math.prod(counts) * depth.size > _MOST_VALUES:
+        raise OceanError(
+            f"{local.attrs['title']}: along {bearing:g} degrees, a grid with {finer} nodes in the"
+            f" shortest step of its ranges, {finer * step:g} m, has {counts[0]:,} x {counts[1]:,} x"
+            f" {depth.size} nodes; allowed are {_MOST_VALUES:,} in all: use a bearing of 0, 90, 180"
+            " or 270 degrees, a smaller half_extent or fewer ranges"
+        )
+    north, east = (np.linspace(-side, side, n) for side, n in zip(sides, counts, strict=True))
     turn = np.radians(bearing)
-    north, east = (xr.DataArray(nodes, {name: nodes}, (name,)) for name in ("north", "east"))
-    place = north * np.cos(turn) + east * np.sin(turn)
-    # one step beyond the ends continues the section, so that splines have no kink at the ends
-    place = place.clip(2.0 * ranges[0] - ranges[1], 2.0 * ranges[-1] - ranges[-2])
-    return data.interp(range=place, kwargs={"fill_value": "extrapolate"}).drop_vars("range")
+    place = np.add.outer(north * np.cos(turn), east * np.sin(turn))
+    speed = local["sound_speed"].transpose("north", "east", "depth").values[:, 0]
+    floor = local["sea_floor_depth"].transpose("north", ...).values[:, 0]
+    span = np.ptp(speed, axis=0)
+    degree = spline_degree(ranges, speed[:, None], span, axis=0)[0] if smooth else 1
+    still = np.zeros((*place.shape, depth.size))
+    return assemble_local(
+        {"north": north, "east": east, "depth": depth},
+        _along(ranges, speed, degree, place),
+        (still, still.copy()),
+        np.interp(place, ranges, floor),
+        local.attrs,
+    )
+
+
+def _is_along_axis(bearing: float) -> bool:
+    return bearing % 90.0 == 0.0
+
+
+def _along(ranges: Array, values: Array, degree: int, place: Array) -> Array:
+    """Values (n, ...) of a spline along the ranges at places, continued beyond its ends."""
+    spline = make_interp_spline(ranges, values, k=degree)
+    within = np.clip(place, ranges[0], ranges[-1])
+    first, last = ranges[1] - ranges[0], ranges[-1] - ranges[-2]
+    beyond = np.clip(place - within, -first, last)
+    result: Array = spline(within) + beyond[..., None] * spline.derivative()(within)
+    return result
 
 
 def is_section_data(data: xr.Dataset) -> bool:
@@ -120,6 +191,11 @@ def files_of_section(path: str | Path) -> tuple[str, ...]:
     """A file of a section, and the ``.env`` of an ``.ssp``."""
     own = Path(path)
     return (str(path), str(own.with_suffix(".env"))) if own.suffix == ".ssp" else (str(path),)
+
+
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """Numbers of the lines of a table that are not empty, and their cells."""
+    return [(k, _cells(line)) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
 
 
 def _cells(row: str) -> list[str]:
@@ -140,21 +216,25 @@ def _numbers(cells: list[str]) -> Array | None:
 
 
 def _read_table(path: Path) -> tuple[Array, Array, Array]:
-    lines = read_text(path, OceanError, what="a section of sound speed").splitlines()
-    rows = [_cells(line) for line in lines if line.strip()]
-    ranges = _numbers(rows[0][1:])
+    rows = _rows(read_text(path, OceanError, what="a section of sound speed"))
+    head = rows[0][1] if rows else [""]
+    ranges = _numbers(head[1:])
+    if ranges is None or len(rows) < 2:
+        raise OceanError(
+            f"{path.name}: needs ranges [m] in its first row, and rows of a depth [m] and sound"
+            " speeds [m/s]"
+        )
     values = []
-    for number, row in enumerate(rows[1:], 2):
+    for number, row in rows[1:]:
         own = _numbers(row)
-        if ranges is None or own is None or own.size != ranges.size + 1:
+        if own is None or own.size != ranges.size + 1:
             raise OceanError(
                 f"{path.name}: line {number} has {len(row)} cells that are not a depth and"
-                f" {len(rows[0]) - 1} sound speeds; correct the line"
+                f" {len(head) - 1} sound speeds; correct the line"
             )
         values.append(own)
     table = np.array(values)
-    assert ranges is not None  # by is_range_section
-    return ranges * (1e3 if "km" in rows[0][0].lower() else 1.0), table[:, 0], table[:, 1:]
+    return ranges * (1e3 if "km" in head[0].lower() else 1.0), table[:, 0], table[:, 1:]
 
 
 def _read_bellhop(path: Path) -> tuple[Array, Array, Array]:

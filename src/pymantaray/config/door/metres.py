@@ -6,6 +6,7 @@ Water in metres: data sets on north, east and depth, from memory, a NetCDF file 
 import numpy as np
 import xarray as xr
 
+from pymantaray.acoustics.medium import Interpolation
 from pymantaray.config.common import utc_instant
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import OceanError
@@ -18,7 +19,7 @@ from pymantaray.ocean.metres import (
     read_file_in_metres,
     with_flat_floor,
 )
-from pymantaray.ocean.range_section import along_bearing, is_section_data
+from pymantaray.ocean.range_section import along_axis, is_section_data, turned
 
 _WITHOUT_MEANING = (
     "names",
@@ -40,16 +41,16 @@ def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | No
     """Data set in metres of a section, or in memory; None if the water is not in metres."""
     if data is None and section_in_metres(section):
         data = read_file_in_metres(section.source[0])
-    if data is None or not is_in_metres(data):
-        if section.bearing is not None:
-            raise OceanError(
-                "`bearing` applies to a section of sound speed by range and depth; remove it"
-            )
-        return None
-    return along_bearing(data, section.bearing or 0.0) if is_section_data(data) else data
+    if data is not None and is_section_data(data):
+        return along_axis(data, section.bearing or 0.0)
+    if section.bearing is not None:
+        raise OceanError(
+            "`bearing` applies to a section of sound speed by range and depth; remove it"
+        )
+    return data if data is not None and is_in_metres(data) else None
 
 
-def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:
+def local_of(section: OceanSection, data: xr.Dataset, interpolation: Interpolation) -> xr.Dataset:
     """Local ocean of a section from a data set in metres, without ice."""
     name = str(data.attrs.get("title", section.source[0]))
     for key in _WITHOUT_MEANING:
@@ -61,6 +62,9 @@ def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:
             " depth in metres, or sea_floor_depth in the data set"
         )
     local = ocean_in_metres(data, name, at_rest=section.currents == "rest")
+    if section.bearing is not None:
+        smooth = interpolation == "smooth"
+        local = turned(local, section.bearing, smooth=smooth, half_extent=section.half_extent)
     if section.bathymetry is not None:
         local = with_flat_floor(local, section.bathymetry)
     if section.half_extent is not None:

@@ -232,7 +232,7 @@ def build_ocean(
     medium affects thinned profiles.
     """
     if (metres := metres_of(section, data)) is not None:
-        local = with_section_ice(section, local_of(section, metres))
+        local = with_section_ice(section, local_of(section, metres, interpolation))
         local = with_tide(section.internal_tide, local)
         summarize = partial(_local_summary, local, columns_spread)
         return OceanFields(geographic=None, local=local, summarize=summarize)
