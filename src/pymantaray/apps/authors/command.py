@@ -10,8 +10,6 @@ from pymantaray.cli.options import OUTPUT, Commands
 from pymantaray.cli.output import write_new
 from pymantaray.cli.printing import Printer, printer
 
-SHOWS_RESULTS = True
-
 app = Commands(help="Read and write files of the paper's authors' program.")
 
 

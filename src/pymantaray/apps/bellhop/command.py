@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from pymantaray.acoustics import Medium
     from pymantaray.sensing.water import Water
 
-SHOWS_RESULTS = True
-
 Refine = Annotated[int, typer.Option(min=1, help="Subdivision of each cell of a smooth ocean.")]
 
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from pymantaray.apps.locate import Location, Survey
     from pymantaray.sensing.water import Water
 
-SHOWS_RESULTS = True
-
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8

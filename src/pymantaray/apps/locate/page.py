@@ -22,8 +22,6 @@ from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 
-SHOWS_RESULTS = True
-
 _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
 _UNUSED = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]

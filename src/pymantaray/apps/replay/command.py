@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from pymantaray.apps.replay.events import Events
     from pymantaray.sensing.water import Water
 
-SHOWS_RESULTS = True
-
 _MAX_NODES = 12
 
 

@@ -18,8 +18,6 @@ from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 
-SHOWS_RESULTS = True
-
 _MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
 # tables with a row per event or more, which are files beside the page
