@@ -90,6 +90,27 @@ def test_the_duration_changes_only_the_key_of_a_varying_ocean(config):
     assert key(**longer, **{"ocean.time_varying": True}) != key(**{"ocean.time_varying": True})
 
 
+def test_the_interpolation_counts_where_the_ocean_depends_on_it(tmp_path):
+    """It is part of the grid of a turned section, and of the levels of a thinned profile."""
+    cast, section = tmp_path / "cast.csv", tmp_path / "section.csv"
+    cast.write_text("depth,sound_speed\n0,1500\n50,1495\n200,1490\n")
+    section.write_text("depth,0,1000,2000\n0,1500,1501,1502\n200,1490,1491,1492\n")
+    box = {"bathymetry": 200.0}
+
+    def keys(**ocean):
+        config = parse_study({**TINY, "ocean": ocean})
+        forms = [config.with_(**{"acoustics.interpolation": form}) for form in ("smooth", "linear")]
+        files = dict.fromkeys(map(str, (cast, section)), "1")
+        return [task_keys(build_study(form), files)[OCEAN] for form in forms]
+
+    smooth, linear = keys(source=str(section), bearing=30.0, **box)
+    assert smooth != linear
+    smooth, linear = keys(source=str(cast), thin=0.1, **box)
+    assert smooth != linear
+    smooth, linear = keys(source="synthetic:beaufort")
+    assert smooth == linear
+
+
 def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
     def key(name, checksum):
         file = str(tmp_path / name)

@@ -50,12 +50,13 @@ def task_keys(study: Study, checksums: Mapping[str, str]) -> dict[str, str]:
     before = ""
     for stage in STAGES:
         part = _PART[stage](study)
-        before = digest(
-            stage, [before, values_of(part)], {file: checksums[file] for file in part.files}
-        )
+        own = [before, values_of(part)]
+        if stage == OCEAN and study.ocean.varies_with_interpolation:
+            own.append(study.sound.interpolation)
+        before = digest(stage, own, {file: checksums[file] for file in part.files})
         out[stage] = before
-    own = {key: value for key, value in study.tree["study"].items() if key not in _TITLES}
-    point = [{**study.tree, "study": own}, extension_keys(study.sensors)]
+    untitled = {key: value for key, value in study.tree["study"].items() if key not in _TITLES}
+    point = [{**study.tree, "study": untitled}, extension_keys(study.sensors)]
     out[POINT] = digest(POINT, point, {file: checksums[file] for file in study.files})
     return out
 

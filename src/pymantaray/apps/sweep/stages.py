@@ -47,17 +47,14 @@ class Stages:
         self._study = study
         self._keys = keys
         self._store = store
-        self._profile = study.ocean.is_profile  # faster to read again than from the store
-        self._shared = shared - {OCEAN} if self._profile else shared
+        # a profile is faster to read again than from the store
+        self._shared = shared - {OCEAN} if study.ocean.is_profile else shared
 
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        interpolation = self._study.sound.interpolation
-        key = self._keys[OCEAN]
-        if self._profile:  # its thinned levels depend on the interpolation of the medium
-            key = f"{key} {interpolation}"
-        return self._get(OCEAN, lambda: open_ocean(self._study.ocean, interpolation), key)
+        study = self._study
+        return self._get(OCEAN, lambda: open_ocean(study.ocean, study.sound.interpolation))
 
     @property
     def fleet(self) -> Trajectories:
@@ -112,8 +109,8 @@ class Stages:
 
         return read_sealed(self._store, stage_name(self._keys[stage]), parse)
 
-    def _get(self, stage: str, compute: Callable[[], _T], key: str | None = None) -> _T:
-        key = self._keys[stage] if key is None else key
+    def _get(self, stage: str, compute: Callable[[], _T]) -> _T:
+        key = self._keys[stage]
         if _LATEST.get(stage, ("",))[0] != key:
             shared = stage in self._shared
             there = shared and self._store.has(stage_name(key))

@@ -62,8 +62,7 @@ class MissionOcean:
         self, interpolation: Interpolation = "smooth", data: xr.Dataset | None = None
     ) -> OceanFields:
         """
-        Fields of the ocean, or of one in memory, over the mission; a thinned profile depends on the
-        interpolation.
+        Fields of the ocean, or of one in memory, over the mission, see `varies_with_interpolation`.
         """
         return build_ocean(self.section, self.duration, interpolation=interpolation, data=data)
 
@@ -188,6 +187,14 @@ class MissionOcean:
     def is_profile(self) -> bool:
         """True if the source is a profile or cast."""
         return is_profile(self.section)
+
+    @property
+    def varies_with_interpolation(self) -> bool:
+        """
+        True if the fields depend on the interpolation of the medium: thinned levels of a profile,
+        and the grid of a section of sound speed that is turned.
+        """
+        return self.is_profile or self.section.bearing is not None
 
     @property
     def own_ice(self) -> bool:
