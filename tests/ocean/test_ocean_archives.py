@@ -65,10 +65,27 @@ def odv(path, *, iso=True, repeat=False, scheme="QV:ODV:SALINITY", bad="8"):
 def test_a_spreadsheet_of_ocean_data_view_has_its_casts(tmp_path, iso, repeat):
     casts = read_casts(odv(tmp_path / "odv.txt", iso=iso, repeat=repeat))
     assert [cast.name for cast in casts] == ["AB12/St0", "AB12/St1"]
-    assert "1 values rejected by quality flags" in casts[0].notes
+    assert "1 value rejected by quality flags" in casts[0].notes
     for cast in casts:
         object.__setattr__(cast, "lon", (cast.lon + 180.0) % 360.0 - 180.0)
     check(casts, {(1, 2)})
+
+
+@pytest.mark.parametrize(
+    "label",
+    [["AB12", "St2"], ["CD34", "St1"], ["CD34", ""], ["", "St2"]],
+    ids=["station", "cruise", "cruise alone", "station alone"],
+)
+def test_a_new_station_has_no_place_of_the_station_before(tmp_path, label):
+    path = odv(tmp_path / "odv.txt")
+    rows = ["\t".join([*label, *[""] * 5, f"{z}", "1.5", "0", "33.0", "0", ""]) for z in DEPTH]
+    path.write_text(path.read_text() + "\n".join(rows) + "\n")
+    with pytest.raises(MantaRayError, match=rf"odv.txt, {'/'.join(filter(None, label))}: no place"):
+        read_casts(path)
+    casts = read_casts(path, default_place=(70.0, -140.0))
+    assert (casts[2].lat, casts[2].lon) == (70.0, -140.0)
+    assert np.isnat(casts[2].time)
+    assert "time unknown" in casts[2].notes
 
 
 def test_flags_of_other_schemes_are_their_own(tmp_path):

@@ -17,8 +17,12 @@ from pymantaray.ocean.whp import bottle_table
 from pymantaray.records.digits import counted
 
 _WOD = re.compile(r"CAST\s*,,\s*\d+\s*,WOD Unique Cast Number")
-_WOD_COLUMNS = {"depth": "Depth", "pressure": "Pressure", "temperature": "Temperatur"}
-_WOD_COLUMNS["salinity"] = "Salinity"
+_WOD_COLUMNS = {
+    "depth": "Depth",
+    "pressure": "Pressure",
+    "temperature": "Temperatur",
+    "salinity": "Salinity",
+}
 _WOD_MISSING = ("---*---", "**********")
 _ODV_ROLES = {
     "cruise": r"cruise",
@@ -76,7 +80,11 @@ def _roles(titles: list[str]) -> dict[str, int]:
 
 
 def _odv(_: Path, lines: Lines) -> ArchiveTable:
-    """Casts of a spreadsheet, whose labels may be in the first row of a station only."""
+    """
+    Casts of a spreadsheet, whose labels may be in the first row of a station only.
+
+    A station without latitude or longitude has no place, as a cast of any other table.
+    """
     start = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("//"))
     titles = _cells(lines[start])
     roles = _roles(titles)
@@ -95,7 +103,7 @@ def _odv(_: Path, lines: Lines) -> ArchiveTable:
             continue
         cells += [""] * (len(titles) - len(cells))
         own = {role: cells[k] for role, k in roles.items() if cells[k]}
-        label = own if {"station", "lat", "lon"} <= own.keys() else label | own
+        label = _station(own, label)
         for k in flags:
             scheme = _ODV_BAD if ":ODV" in titles[k] or ":" not in titles[k] else _OTHER_BAD
             if k and cells[k] and cells[k] in scheme and cells[k - 1]:
@@ -104,8 +112,16 @@ def _odv(_: Path, lines: Lines) -> ArchiveTable:
         name = "/".join(filter(None, (label.get("cruise", ""), label.get("station", ""))))
         place = label.get("lat", ""), label.get("lon", "")
         table[i] = "\t".join([name, _odv_time(label), *place, *(cells[k] for k in data)])
-    notes = [f"{rejected} values rejected by quality flags"] if rejected else []
+    notes = [f"{counted(rejected, 'value')} rejected by quality flags"] if rejected else []
     return ArchiveTable("ODV spreadsheet", "\n".join(table), tuple(notes))
+
+
+def _station(own: dict[str, str], before: dict[str, str]) -> dict[str, str]:
+    """Labels of a row; its empty cells are those of the row before at the same station only."""
+    same = all(
+        own.get(role, before.get(role)) == before.get(role) for role in ("cruise", "station")
+    )
+    return before | own if same else own
 
 
 def _odv_time(label: dict[str, str]) -> str:
