@@ -148,8 +148,11 @@ def test_casts_of_the_world_ocean_database(tmp_path):
         read_casts(wod(tmp_path / "profile.csv", profile="2"))
 
 
-def en4(path, potential="POTM_CORRECTED"):
-    """Profiles of EN4: depth, potential temperature and practical salinity with flags 1 and 4."""
+def en4(path, potential="POTM_CORRECTED", whole=None):
+    """
+    Profiles of EN4: depth, potential temperature and practical salinity with flags 1 and 4, and
+    flags of whole profiles by name.
+    """
     shape = len(PLACES), DEPTH.size
     lat, lon = (np.array(column) for column in zip(*PLACES, strict=True))
     depth = np.broadcast_to(DEPTH, shape)
@@ -182,6 +185,7 @@ def en4(path, potential="POTM_CORRECTED"):
             ("PSAL_CORRECTED_QC", flags),
             ("POSITION_QC", np.full(2, b"1")),
             ("JULD_QC", np.full(2, b"1")),
+            *(whole or {}).items(),
         ):
             file.createVariable(name, "S1", dims[: values.ndim])[:] = values
     return path
@@ -193,6 +197,16 @@ def test_profiles_of_en4_have_in_situ_temperatures(tmp_path):
         assert abs(cast.time - np.datetime64(time)) < np.timedelta64(1, "s")
         object.__setattr__(cast, "time", np.datetime64(time, "ns"))
     check(casts, {(1, 2)}, tolerance=1e-5)
+
+
+@pytest.mark.parametrize("name", ["PROFILE_POTM_QC", "PROFILE_PSAL_QC", "PROFILE_DEPH_QC"])
+def test_a_rejected_profile_of_en4_is_not_read(tmp_path, name):
+    whole = {name: np.array([b"4", b"1"])}
+    (cast,) = read_casts(en4(tmp_path / "EN.4.2.2.f.profiles.g10.201407.nc", whole=whole))
+    assert cast.lat == pytest.approx(PLACES[1][0])
+    assert any("1 of 2 profiles rejected" in note for note in cast.notes)
+    good = {name: np.array([b"1", b"1"])}
+    assert len(read_casts(en4(tmp_path / "good.nc", whole=good))) == 2
 
 
 def saiv(path, separator="."):
