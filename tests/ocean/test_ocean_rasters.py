@@ -72,6 +72,28 @@ def test_all_forms_of_a_grid_are_one_sea_floor(tmp_path, write):
     assert part["lat"].values == pytest.approx([43.2, 43.3, 43.4, 43.5], abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    "comment", ["# lat lon z", "#Latitude, Longitude, Depth", "# y\tx\tz", "# lat [deg], lon [deg]"]
+)
+def test_a_comment_may_say_that_latitudes_are_first(tmp_path, comment):
+    points = [line.split() for line in xyz(tmp_path / "floor.xyz").read_text().splitlines()]
+    rows = [f"{y} {x} {z}" for x, y, z in points]
+    (tmp_path / "floor.xyz").write_text("\n".join(["# survey", comment, *rows]) + "\n")
+    floor = open_sea_floor(tmp_path / "floor.xyz")
+    np.testing.assert_allclose(floor["lat"], LAT, atol=1e-6)
+    np.testing.assert_allclose(floor.values, np.maximum(-HEIGHT, 0.0), atol=1e-5)
+
+
+def test_two_heights_at_one_place_are_refused(tmp_path):
+    text = xyz(tmp_path / "floor.xyz").read_text()
+    again = text.splitlines()[20]
+    (tmp_path / "floor.xyz").write_text(f"{text}{again}\n")
+    open_sea_floor(tmp_path / "floor.xyz")
+    (tmp_path / "floor.xyz").write_text(f"{text}{again.rsplit(' ', 1)[0]} -5.0\n")
+    with pytest.raises(OceanError, match=f"{again}.* has the place of a later line"):
+        open_sea_floor(tmp_path / "floor.xyz")
+
+
 def test_a_geotiff_in_a_projection_is_interpolated(tmp_path):
     import pyproj
 

@@ -14,6 +14,11 @@ RASTER = "raster"
 """Name of the variable of a grid whose file has no names."""
 _KEYS = ("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter", "cellsize")
 _DIGITS = 6  # of the coordinates in x, y, z; 0.1 m of latitude
+_NORTH_FIRST = re.compile(
+    r"[#>\s]*(lat|latitude|y|northing)(?:\s*[\[(][^\])]*[\])])?[,;\s]+"
+    r"(lon|longitude|long|x|easting)\b",
+    re.IGNORECASE,
+)
 _NUMBER = re.compile(r"[-+]?\d*\.?\d+(e[-+]?\d+)?,?", re.IGNORECASE)
 
 
@@ -80,14 +85,21 @@ def _esri(text: str, path: Path) -> tuple[Array, Array, Array]:
 
 
 def _xyz(text: str, path: Path) -> tuple[Array, Array, Array]:
-    """Latitudes, longitudes and values of lines x, y, z, which cover a grid in any order."""
+    """
+    Latitudes, longitudes and values of lines x, y, z, which cover a grid in any order; of lines y,
+    x, z if a comment names them in this order.
+    """
     lines = [line for line in text.splitlines() if line.strip() and line[:1] not in "#>"]
+    comments = [line for line in text.splitlines() if line[:1] in ("#", ">")]
     try:
         points = np.array([line.replace(",", " ").split() for line in lines], dtype=float)
     except ValueError:
         raise OceanError(f"{path.name}: a line has not three numbers x, y, z; correct it") from None
-    lon, column = np.unique(np.round(points[:, 0], _DIGITS), return_inverse=True)
-    lat, row = np.unique(np.round(points[:, 1], _DIGITS), return_inverse=True)
+    east, north = points[:, 0], points[:, 1]
+    if any(map(_NORTH_FIRST.match, comments)):
+        east, north = north, east
+    lon, column = np.unique(np.round(east, _DIGITS), return_inverse=True)
+    lat, row = np.unique(np.round(north, _DIGITS), return_inverse=True)
     if lat.size * lon.size > 2 * len(points):
         raise OceanError(
             f"{path.name}: {len(points)} points are at {lon.size} different x and {lat.size}"
@@ -95,4 +107,10 @@ def _xyz(text: str, path: Path) -> tuple[Array, Array, Array]:
         )
     values = np.full((lat.size, lon.size), np.nan)
     values[row, column] = points[:, 2]
+    twice = (values[row, column] != points[:, 2]) & np.isfinite(points[:, 2])
+    if twice.any():
+        raise OceanError(
+            f"{path.name}: line {lines[int(np.argmax(twice))]!r} has the place of a later line with"
+            " another z; keep one of them"
+        )
     return lat, lon, values
