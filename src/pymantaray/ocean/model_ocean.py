@@ -457,12 +457,17 @@ def _levels_of(files: Sequence[xr.Dataset], field: ModelField) -> _Levels:
 
 
 def _depth_axis(field: ModelField) -> str | None:
-    """Coordinate with the depths of a field's levels in metres."""
+    """
+    Coordinate with the depths of a field's levels in metres: of the name of the dimension, or with
+    a direction, before others such as the thickness of cells.
+    """
     dim = field.variable.dims[-3]
-    for name, there in field.data.variables.items():
-        if there.dims == (dim,) and is_unit_of("length", text(there, "units")):
-            return str(name)
-    return None
+    known = [
+        (name != dim, not text(there, "positive"), str(name))
+        for name, there in field.data.variables.items()
+        if there.dims == (dim,) and is_unit_of("length", text(there, "units"))
+    ]
+    return min(known, key=lambda one: one[:2])[2] if known else None
 
 
 def _attribute(files: Sequence[xr.Dataset], name: str) -> Any:
