@@ -473,6 +473,16 @@ def test_thicknesses_of_full_cells_are_no_depths():
     check_water(open_ocean(files, time="2020-01-01"), 2.0, 380.0)
 
 
+def test_angles_of_a_grid_may_be_in_degrees():
+    (data,) = roms()
+    turn = np.degrees(data["angle"].values)
+    stated = data.assign(angle=(data["angle"].dims, turn, {"units": "degrees"}))
+    check_water(open_ocean([stated], time="2020-01-01"), 8.0, 380.0)
+    unstated = data.assign(angle=(data["angle"].dims, turn))
+    with pytest.raises(OceanError, match=r"angle is up to 2.*, which is no angle in radians"):
+        open_ocean([unstated], time="2020-01-01")
+
+
 def test_layers_are_where_their_thickness_puts_them():
     check_water(open_ocean(layers(), time="2020-01-01"), 10.0, 900.0)
 

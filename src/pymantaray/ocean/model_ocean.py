@@ -268,7 +268,13 @@ class _Model:
         angle = on_points(self.files, ("angle",), self.temperature.variable.shape[-2:])
         if angle is not None:
             turn = angle.block(self.box, kept=2)
-            turn = np.radians(turn) if text(angle.variable, "units").startswith("deg") else turn
+            unit = text(angle.variable, "units").lower()
+            if not unit.startswith("deg") and np.nanmax(np.abs(turn), initial=0.0) > 2.0 * np.pi:
+                raise OceanError(
+                    f"{angle.where} is up to {np.nanmax(np.abs(turn)):.4g}, which is no angle in"
+                    " radians; set its units to degrees"
+                )
+            turn = np.radians(turn) if unit.startswith("deg") else turn
             return np.stack([np.cos(turn), np.sin(turn)]), np.stack([-np.sin(turn), np.cos(turn)])
         signs = index_signs(self.temperature)
         along, across = self.grid.directions()
