@@ -473,6 +473,20 @@ def test_thicknesses_of_full_cells_are_no_depths():
     check_water(open_ocean(files, time="2020-01-01"), 2.0, 380.0)
 
 
+def test_the_bed_and_cells_of_a_model_have_units():
+    (data,) = roms()
+    bed = data.assign(h=(data["h"].dims, 1e-3 * data["h"].values, {"units": "km"}))
+    check_water(open_ocean([bed], time="2020-01-01"), 8.0, 380.0)
+    layered, static = layers()
+    cells = layered.assign(h=(layered["h"].dims, 100.0 * layered["h"].values, {"units": "cm"}))
+    check_water(open_ocean([cells, static], time="2020-01-01"), 10.0, 900.0)
+    upward = data.assign(h=-data["h"])
+    with pytest.raises(
+        OceanError, match=r"h is -.* it must be the depth of the bed, positive down"
+    ):
+        open_ocean([upward], time="2020-01-01")
+
+
 def test_angles_of_a_grid_may_be_in_degrees():
     (data,) = roms()
     turn = np.degrees(data["angle"].values)

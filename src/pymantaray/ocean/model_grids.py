@@ -12,7 +12,7 @@ import xarray as xr
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import degrees
+from pymantaray.ocean.convert import degrees, to_our_unit
 from pymantaray.ocean.curvilinear import Box, CurvilinearGrid, on_ellipsoid
 from pymantaray.ocean.files import file_name, numbers, text
 
@@ -84,6 +84,12 @@ class ModelField(NamedTuple):
             part[str(dim)] = slice(first, first + 1)
         values = numbers(self.data, self.name, part)
         return values.reshape(values.shape[-kept:])
+
+    def metres(self, box: Box, instant: int = 0, kept: int = _FIELD_DIMENSIONS) -> Array:
+        """Depths or thicknesses as `block`, in metres; those without a unit are in metres."""
+        unit = text(self.variable, "units") or "m"
+        values = self.block(box, instant, kept)
+        return to_our_unit(values, "length", unit, where=self.where)
 
 
 def standard_name(field: ModelField, role: str) -> str:
