@@ -76,6 +76,67 @@ def test_wrong_sentences_are_counted_and_left_out(tmp_path):
     assert any("3 sentences without a valid fix" in note for note in track.notes)
 
 
+@pytest.mark.parametrize("position", [",,,", "3330.0,S,15115.0,W"])
+def test_void_sentences_give_no_dates(tmp_path, position):
+    path = nmea(tmp_path / "boat.nmea", dates="ZDA")
+    starts, lines = [], path.read_text().splitlines()
+    for k in range(4):  # a clock that starts in 1980, then the date of the last survey
+        day = "060180" if k < 2 else "010313"
+        starts += [
+            sentence(f"GPGGA,00000{k},{position},0,00,99.9,,M,,M,,"),
+            sentence(f"GPRMC,00000{k},V,{position},,,{day},,,N"),
+            sentence(f"GPZDA,00000{k},{day[:2]},{day[2:4]},{19 + k // 2}{day[4:]},00,00"),
+        ]
+    void = sentence(f"GPRMC,235952.500,V,{position},,,060180,,,N")
+    path.write_text("\r\n".join([*starts, *lines[:7], void, *lines[7:]]) + "\r\n")
+    track = read_trajectories(path)
+    check(track)
+    assert any("9 sentences without a valid fix" in note for note in track.notes)
+    assert any("4 sentences ZDA beside those without" in note for note in track.notes)
+
+
+def test_a_date_without_any_fix_beside_it_is_refused(tmp_path):
+    void = sentence("GPRMC,000001,V,,,,,,,060180,,,N")
+    fix = sentence("GPGGA,192000,3330.0,S,15115.0,W,1,08,1.0,5.0,M,20.0,M,,")
+    (tmp_path / "a.nmea").write_text(f"{void}\n{fix}\n")
+    with pytest.raises(ExchangeError, match="RMC or ZDA sentences with a valid fix"):
+        read_trajectories(tmp_path / "a.nmea")
+
+
+@pytest.mark.parametrize("dated", [0, 29])
+def test_one_date_is_enough_for_more_than_a_day(tmp_path, dated):
+    hours = np.datetime64("2014-07-24T06:00:00", "s") + np.arange(30) * np.timedelta64(3600, "s")
+    lines = []
+    for k, time in enumerate(hours):
+        clock = str(time)[11:].replace(":", "")
+        lines.append(sentence(f"GPGGA,{clock},3330.0,S,15115.0,W,1,08,1.0,5.0,M,20.0,M,,"))
+        if k == dated:
+            day = str(time)[:10].split("-")
+            lines.append(sentence(f"GPZDA,{clock},{day[2]},{day[1]},{day[0]},00,00"))
+    (tmp_path / "long.nmea").write_text("\n".join(lines) + "\n")
+    track = read_trajectories(tmp_path / "long.nmea")
+    assert track.start == hours[0]
+    np.testing.assert_array_equal(track.poses[0].time, 3600.0 * np.arange(30))
+
+
+def test_leading_zeros_of_degrees_may_be_missing(tmp_path):
+    lines = [sentence(f"GPRMC,19200{k},A,930.5,N,534.25,W,1.2,90.0,240714,,,A") for k in range(3)]
+    (tmp_path / "a.nmea").write_text("\n".join(lines) + "\n")
+    (poses,) = read_trajectories(tmp_path / "a.nmea").poses
+    np.testing.assert_allclose(poses.place[0, :2], [9.0 + 30.5 / 60.0, -5.0 - 34.25 / 60.0])
+
+
+@pytest.mark.parametrize("quality", ["6", "7", "8"])
+def test_estimated_and_simulated_places_are_no_fixes(tmp_path, quality):
+    path = nmea(tmp_path / "boat.nmea")
+    lines = path.read_text().splitlines()
+    guess = sentence(f"GPGGA,235951.500,1000.0,N,01000.0,E,{quality},00,,,M,,M,,")
+    path.write_text("\r\n".join([*lines[:7], guess, *lines[7:]]) + "\r\n")
+    track = read_trajectories(path)
+    check(track)
+    assert any("1 sentence without a valid fix" in note for note in track.notes)
+
+
 def test_fixes_without_a_date_are_refused(tmp_path):
     with pytest.raises(ExchangeError, match="must also write RMC or ZDA"):
         read_trajectories(nmea(tmp_path / "boat.nmea", dates="none"))

@@ -38,6 +38,13 @@ def check(casts, dropped=(), tolerance=1e-6):
         np.testing.assert_allclose(cast.salinity, salinity(k)[rows], atol=tolerance)
 
 
+def check_east_west(casts, dropped):
+    """Compare two casts whose longitudes may be from 0 to 360 degrees."""
+    for cast in casts:
+        object.__setattr__(cast, "lon", (cast.lon + 180.0) % 360.0 - 180.0)
+    check(casts, dropped)
+
+
 def odv(path, *, iso=True, repeat=False, scheme="QV:ODV:SALINITY", bad="8"):
     """Spreadsheet of two stations; one salinity has a bad flag."""
     when = ["yyyy-mm-ddThh:mm:ss.sss"] if iso else ["mon/day/yr", "hh:mm"]
@@ -65,17 +72,85 @@ def odv(path, *, iso=True, repeat=False, scheme="QV:ODV:SALINITY", bad="8"):
 def test_a_spreadsheet_of_ocean_data_view_has_its_casts(tmp_path, iso, repeat):
     casts = read_casts(odv(tmp_path / "odv.txt", iso=iso, repeat=repeat))
     assert [cast.name for cast in casts] == ["AB12/St0", "AB12/St1"]
-    assert "1 values rejected by quality flags" in casts[0].notes
-    for cast in casts:
-        object.__setattr__(cast, "lon", (cast.lon + 180.0) % 360.0 - 180.0)
-    check(casts, {(1, 2)})
+    assert "1 value rejected by quality flags" in casts[0].notes
+    check_east_west(casts, {(1, 2)})
 
 
-def test_flags_of_other_schemes_are_their_own(tmp_path):
-    casts = read_casts(odv(tmp_path / "a.txt", scheme="QV:SEADATANET", bad="8"))
-    assert casts[1].depth.size == 5
-    casts = read_casts(odv(tmp_path / "b.txt", scheme="QV:SEADATANET", bad="4"))
+@pytest.mark.parametrize(
+    "label",
+    [["AB12", "St2"], ["CD34", "St1"], ["CD34", ""], ["", "St2"]],
+    ids=["station", "cruise", "cruise alone", "station alone"],
+)
+def test_a_new_station_has_no_place_of_the_station_before(tmp_path, label):
+    path = odv(tmp_path / "odv.txt")
+    rows = ["\t".join([*label, *[""] * 5, f"{z}", "1.5", "0", "33.0", "0", ""]) for z in DEPTH]
+    path.write_text(path.read_text() + "\n".join(rows) + "\n")
+    with pytest.raises(MantaRayError, match=rf"odv.txt, {'/'.join(filter(None, label))}: no place"):
+        read_casts(path)
+    casts = read_casts(path, default_place=(70.0, -140.0))
+    assert (casts[2].lat, casts[2].lon) == (70.0, -140.0)
+    assert np.isnat(casts[2].time)
+    assert "time unknown" in casts[2].notes
+
+
+@pytest.mark.parametrize(
+    ("scheme", "good", "bad"),
+    [
+        ("QV", "01", "48"),
+        ("QF:ODV", "01", "48"),
+        ("QV:SEADATANET", "01268", "349"),
+        ("QV:ARGO:PSAL", "0128", "349"),
+        ("QV:WOCECTD", "1267", "349"),
+        ("QV:WOD:Salinity", "0", "123456789"),
+        ("QV:WODSTATION", "0", "1234"),
+        ("QV:BODC", "BET", "KLMN"),
+        ("QV:PANGAEA", "*#", "?/"),
+        ("QV:ESEAS", "0125", "348"),
+    ],
+)
+def test_flags_of_each_scheme_are_their_own(tmp_path, scheme, good, bad):
+    for flag in good + bad:
+        casts = read_casts(odv(tmp_path / f"{ord(flag)}.txt", scheme=scheme, bad=flag))
+        assert casts[1].depth.size == (4 if flag in bad else 5), flag
+        assert not any("read as those of" in note for note in casts[0].notes)
+
+
+def test_flags_of_an_unknown_scheme_are_reported(tmp_path):
+    casts = read_casts(odv(tmp_path / "a.txt", scheme="QV:SMHI", bad="4"))
     assert casts[1].depth.size == 4
+    assert "quality flags of SMHI: read as those of SeaDataNet" in casts[0].notes
+
+
+def test_flags_behind_standard_deviations_are_of_the_values(tmp_path):
+    path = odv(tmp_path / "odv.txt")
+    lines = [line.split("\t") for line in path.read_text().splitlines()]
+    for k, line in enumerate(lines[2:]):
+        line.insert(11, "STANDARD_DEV" if k == 0 else "0.01")
+    path.write_text("\n".join(map("\t".join, lines)) + "\n")
+    check_east_west(read_casts(path), {(1, 2)})
+
+
+def test_bottles_and_a_ctd_of_one_station_are_two_casts(tmp_path):
+    path = odv(tmp_path / "odv.txt")
+    lines = path.read_text().splitlines()
+    label = ["AB12", "St1", "B", TIMES[1], "179.5", "71.0", "400"]
+    rows = [[*label, "5", "2.5", "0", "32.1", "0", ""], [*[""] * 7, "400", "0", "0", "34", "0", ""]]
+    path.write_text("\n".join([*lines, *map("\t".join, rows)]) + "\n")
+    casts = read_casts(path)
+    assert [cast.name for cast in casts] == ["AB12/St0", "AB12/St1", "AB12/St1/B"]
+    np.testing.assert_array_equal(casts[2].depth, [5.0, 400.0])
+    check_east_west(casts[:2], {(1, 2)})
+
+
+@pytest.mark.parametrize("clock", ["9:05", "09:05", "9:05:00", ""])
+def test_hours_of_one_digit_are_hours(tmp_path, clock):
+    path = odv(tmp_path / "odv.txt", iso=False)
+    path.write_text(path.read_text().replace("19:20", clock))
+    casts = read_casts(path)
+    hours = np.timedelta64(9 * 60 + 5 if clock else 0, "m")
+    assert casts[0].time == np.datetime64("2014-07-24T00:00") + hours
+    note = "time of day of 1 cast unknown: 0 h assumed"
+    assert (note in casts[0].notes) == (not clock)
 
 
 def test_one_cast_of_a_spreadsheet_is_water(tmp_path):
@@ -131,8 +206,24 @@ def test_casts_of_the_world_ocean_database(tmp_path):
         read_casts(wod(tmp_path / "profile.csv", profile="2"))
 
 
-def en4(path, potential="POTM_CORRECTED"):
-    """Profiles of EN4: depth, potential temperature and practical salinity with flags 1 and 4."""
+@pytest.mark.parametrize(
+    ("hours", "clock"),
+    [("23.9833", "23:59"), ("23.9967", "23:59"), ("0.0083", "00:00"), ("---*---", "00:00")],
+)
+def test_decimal_hours_of_the_world_ocean_database(tmp_path, hours, clock):
+    path = wod(tmp_path / "ocldb.csv")
+    path.write_text(path.read_text().replace("19.3333", hours))
+    casts = read_casts(path)
+    assert casts[0].time == np.datetime64(f"2014-07-24T{clock}")
+    note = "time of day of 1 cast unknown: 0 h assumed"
+    assert (note in casts[0].notes) == (hours == "---*---")
+
+
+def en4(path, potential="POTM_CORRECTED", whole=None):
+    """
+    Profiles of EN4: depth, potential temperature and practical salinity with flags 1 and 4, and
+    flags of whole profiles by name.
+    """
     shape = len(PLACES), DEPTH.size
     lat, lon = (np.array(column) for column in zip(*PLACES, strict=True))
     depth = np.broadcast_to(DEPTH, shape)
@@ -165,6 +256,7 @@ def en4(path, potential="POTM_CORRECTED"):
             ("PSAL_CORRECTED_QC", flags),
             ("POSITION_QC", np.full(2, b"1")),
             ("JULD_QC", np.full(2, b"1")),
+            *(whole or {}).items(),
         ):
             file.createVariable(name, "S1", dims[: values.ndim])[:] = values
     return path
@@ -176,6 +268,16 @@ def test_profiles_of_en4_have_in_situ_temperatures(tmp_path):
         assert abs(cast.time - np.datetime64(time)) < np.timedelta64(1, "s")
         object.__setattr__(cast, "time", np.datetime64(time, "ns"))
     check(casts, {(1, 2)}, tolerance=1e-5)
+
+
+@pytest.mark.parametrize("name", ["PROFILE_POTM_QC", "PROFILE_PSAL_QC", "PROFILE_DEPH_QC"])
+def test_a_rejected_profile_of_en4_is_not_read(tmp_path, name):
+    whole = {name: np.array([b"4", b"1"])}
+    (cast,) = read_casts(en4(tmp_path / "EN.4.2.2.f.profiles.g10.201407.nc", whole=whole))
+    assert cast.lat == pytest.approx(PLACES[1][0])
+    assert any("1 of 2 profiles rejected" in note for note in cast.notes)
+    good = {name: np.array([b"1", b"1"])}
+    assert len(read_casts(en4(tmp_path / "good.nc", whole=good))) == 2
 
 
 def saiv(path, separator="."):

@@ -63,7 +63,7 @@ def test_bad_flags_of_whp_exchange_drop_the_level(tmp_path, letter, flag, kept, 
     (tmp_path / "a_ct1.csv").write_text(whp(flag=flag, letter=letter))
     cast = read_cast(tmp_path / "a_ct1.csv")
     assert cast.depth.size == kept
-    assert ("1 values rejected by quality flags" in cast.notes) == (kept == 3)
+    assert ("1 value rejected by quality flags" in cast.notes) == (kept == 3)
     as_stored(cast)
 
 

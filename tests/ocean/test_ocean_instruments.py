@@ -253,7 +253,7 @@ def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path, as_stored):
     kept = [k for k in range(len(LEVELS)) if k not in (0, 5, 8)]
     np.testing.assert_allclose(cast.depth, DEPTH[kept], atol=2e-3)
     for words in (
-        "1 rows rejected by a bad flag",
+        "1 row rejected by a bad flag",
         "dropped: with a missing value",
         "dropped: not deeper than an earlier row",
     ):
@@ -618,7 +618,7 @@ def test_ragged_cf_profiles_have_places_times_and_flags(tmp_path, layout):
     np.testing.assert_allclose(first.temperature, np.delete(TEMPERATURE, 3))
     np.testing.assert_allclose(second.salinity, SALINITY[: len(LEVELS) // 2])
     assert (second.lat, second.lon, second.time) == (70.0, -130.0, TIME + np.timedelta64(1, "h"))
-    assert "1 values of temperature rejected by quality flags" in first.notes
+    assert "1 value of temperature rejected by quality flags" in first.notes
 
 
 @given(st.sampled_from(sorted(FILES)), st.data())

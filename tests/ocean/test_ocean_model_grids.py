@@ -417,6 +417,86 @@ def layers():
     ]
 
 
+def nominal(long_name="h point nominal latitude"):
+    """MOM6 with nominal latitudes and longitudes on its axes, as it writes them."""
+    data, static = mom6(symmetric=False)
+    axes = {}
+    for dim, place, attrs in (
+        ("yh", static["geolat"][:, 20], LAT),
+        ("xh", static["geolon"][22], LON),
+        ("yq", static["geolat"][:, 20] + 0.013, LAT),
+        ("xq", static["geolon"][22] + 0.017, LON),
+    ):
+        axes[dim] = (dim, place.values, attrs | {"long_name": long_name})
+    return [data.assign_coords(axes), static]
+
+
+@pytest.mark.parametrize("long_name", ["h point nominal latitude", ""])
+def test_nominal_axes_of_a_model_are_not_its_grid(long_name):
+    check_water(open_ocean(nominal(long_name), time="2020-01-01"), 2.0, 1100.0)
+
+
+def test_nominal_axes_without_the_grid_are_refused():
+    with pytest.raises(OceanError, match="yh is a nominal latitude, not that of the grid"):
+        open_ocean(nominal()[:1], time="2020-01-01", currents="rest")
+
+
+def test_coordinates_of_corners_are_not_those_of_the_water():
+    """In one file, coordinates of the corners are before those of temperature and velocity."""
+    grid = Grid()
+    data, static = mom6(symmetric=False)
+    corners = {}
+    for letter, dims, shift in (
+        ("c", ("yq", "xq"), (0.5, 0.5)),
+        ("u", ("yh", "xq"), (0.0, 0.5)),
+        ("v", ("yq", "xh"), (0.5, 0.0)),
+    ):
+        lat, lon = grid.place(*grid.indices(*shift))
+        corners |= {f"geolat_{letter}": (dims, lat, LAT), f"geolon_{letter}": (dims, lon, LON)}
+    check_water(
+        open_ocean(xr.merge([xr.Dataset(corners), data, static]), time="2020-01-01"), 2, 1100
+    )
+    alone = xr.merge([static, data])
+    check_water(open_ocean(alone, time="2020-01-01"), 2.0, 1100.0)
+    water, *velocities = nemo()
+    lat, lon = grid.place(*grid.indices(0.5, 0.5))
+    first = xr.Dataset({"gphif": (("y", "x"), lat, LAT), "glamf": (("y", "x"), lon, LON)})
+    check_water(open_ocean([xr.merge([first, water]), *velocities], time="2020-01-01"), 2.0, 380.0)
+
+
+def test_thicknesses_of_full_cells_are_no_depths():
+    water, *velocities, mesh = nemo()
+    thickness = xr.Dataset({"e3t_1d": ("deptht", np.gradient(LEVELS), {"units": "m"})})
+    depth = ("deptht", LEVELS, {"units": "m", "positive": "down"})
+    water = xr.merge([thickness, water]).drop_vars("deptht").assign_coords(gdept_1d=depth)
+    files = [water, *velocities, mesh]
+    check_water(open_ocean(files, time="2020-01-01"), 2.0, 380.0)
+
+
+def test_the_bed_and_cells_of_a_model_have_units():
+    (data,) = roms()
+    bed = data.assign(h=(data["h"].dims, 1e-3 * data["h"].values, {"units": "km"}))
+    check_water(open_ocean([bed], time="2020-01-01"), 8.0, 380.0)
+    layered, static = layers()
+    cells = layered.assign(h=(layered["h"].dims, 100.0 * layered["h"].values, {"units": "cm"}))
+    check_water(open_ocean([cells, static], time="2020-01-01"), 10.0, 900.0)
+    upward = data.assign(h=-data["h"])
+    with pytest.raises(
+        OceanError, match=r"h is -.* it must be the depth of the bed, positive down"
+    ):
+        open_ocean([upward], time="2020-01-01")
+
+
+def test_angles_of_a_grid_may_be_in_degrees():
+    (data,) = roms()
+    turn = np.degrees(data["angle"].values)
+    stated = data.assign(angle=(data["angle"].dims, turn, {"units": "degrees"}))
+    check_water(open_ocean([stated], time="2020-01-01"), 8.0, 380.0)
+    unstated = data.assign(angle=(data["angle"].dims, turn))
+    with pytest.raises(OceanError, match=r"angle is up to 2.*, which is no angle in radians"):
+        open_ocean([unstated], time="2020-01-01")
+
+
 def test_layers_are_where_their_thickness_puts_them():
     check_water(open_ocean(layers(), time="2020-01-01"), 10.0, 900.0)
 

@@ -72,6 +72,65 @@ def test_all_forms_of_a_grid_are_one_sea_floor(tmp_path, write):
     assert part["lat"].values == pytest.approx([43.2, 43.3, 43.4, 43.5], abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    "comment", ["# lat lon z", "#Latitude, Longitude, Depth", "# y\tx\tz", "# lat [deg], lon [deg]"]
+)
+def test_a_comment_may_say_that_latitudes_are_first(tmp_path, comment):
+    points = [line.split() for line in xyz(tmp_path / "floor.xyz").read_text().splitlines()]
+    rows = [f"{y} {x} {z}" for x, y, z in points]
+    (tmp_path / "floor.xyz").write_text("\n".join(["# survey", comment, *rows]) + "\n")
+    floor = open_sea_floor(tmp_path / "floor.xyz")
+    np.testing.assert_allclose(floor["lat"], LAT, atol=1e-6)
+    np.testing.assert_allclose(floor.values, np.maximum(-HEIGHT, 0.0), atol=1e-5)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_columns_of_land_without_lines_are_land(tmp_path, sign):
+    """A spit of land from south to north, whose points are not in the file."""
+    lines = [line.split() for line in xyz(tmp_path / "floor.xyz").read_text().splitlines()]
+    rows = [f"{x} {y} {sign * 900.0}" for x, y, _ in lines if not 7.35 < float(x) < 7.55]
+    (tmp_path / "floor.xyz").write_text("\n".join(rows) + "\n")
+    if sign < 0.0:
+        with pytest.raises(OceanError, match="no value at 18 of 108 points"):
+            open_sea_floor(tmp_path / "floor.xyz")
+        return
+    floor = open_sea_floor(tmp_path / "floor.xyz")
+    np.testing.assert_allclose(floor["lon"], LON, atol=1e-6)
+    land = (LON > 7.35) & (LON < 7.55)
+    np.testing.assert_array_equal(floor.values == 0.0, np.broadcast_to(land, floor.shape))
+
+
+def test_a_place_far_from_a_grid_is_refused(tmp_path):
+    path = xyz(tmp_path / "floor.xyz")
+    path.write_text(f"{path.read_text()}7.0 43000000.0 -900.0\n")
+    with pytest.raises(OceanError, match=r"109 points are at 10 different coordinates from 43 to"):
+        open_sea_floor(path)
+
+
+@pytest.mark.parametrize("turn", [0.0, 360.0])
+def test_longitudes_of_a_grid_may_pass_greenwich(tmp_path, turn):
+    """Longitudes of 359.8 to 0.4 degrees, or -0.2 to 0.4 degrees."""
+    lon = -0.2 + 0.1 * np.arange(7)
+    rows = [
+        f"{x % turn if turn else x:.4f} {y:.4f} {-500.0 - 100.0 * x:.4f}" for y in LAT for x in lon
+    ]
+    (tmp_path / "floor.xyz").write_text("\n".join(rows) + "\n")
+    floor = open_sea_floor(tmp_path / "floor.xyz", window=(43.1, 43.5, -0.15, 0.25))
+    expected = np.broadcast_to(500.0 + 100.0 * floor["lon"].values, floor.shape)
+    np.testing.assert_allclose(floor["lon"][[0, -1]], [-0.2, 0.3], atol=1e-6)
+    np.testing.assert_allclose(floor.values, expected, atol=1e-3)
+
+
+def test_two_heights_at_one_place_are_refused(tmp_path):
+    text = xyz(tmp_path / "floor.xyz").read_text()
+    again = text.splitlines()[20]
+    (tmp_path / "floor.xyz").write_text(f"{text}{again}\n")
+    open_sea_floor(tmp_path / "floor.xyz")
+    (tmp_path / "floor.xyz").write_text(f"{text}{again.rsplit(' ', 1)[0]} -5.0\n")
+    with pytest.raises(OceanError, match=f"{again}.* has the place of a later line"):
+        open_sea_floor(tmp_path / "floor.xyz")
+
+
 def test_a_geotiff_in_a_projection_is_interpolated(tmp_path):
     import pyproj
 

@@ -3,12 +3,14 @@ Readers of tracks of surface vehicles: GPX (https://www.topografix.com/GPX/1/1/)
 NMEA 0183 from a GNSS receiver (GGA, RMC, ZDA). Their depth is 0.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -21,6 +23,8 @@ from pymantaray.user_files import read_text
 NMEA = re.compile(r"(?:\S*\s+)?\$[A-Z]{2}[A-Z]{3},")
 """Start of a line with a sentence, perhaps behind a stamp of the logger."""
 _SENTENCE = re.compile(r"\$([A-Z]{2}(GGA|RMC|ZDA),[^*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
+_ANGLE = re.compile(r"(\d{0,3})([0-5]\d(?:\.\d*)?)")  # loggers omit leading zeros of degrees
+_MEASURED = ("1", "2", "3", "4", "5")  # qualities of GGA; then estimated, manual and simulated
 _DAY = 86_400.0  # s
 
 
@@ -58,18 +62,47 @@ def read_gpx(path: Path) -> tuple[list[Poses], list[str]]:
     return poses, [f"{path}: {counted(left, 'point')} without position or time"] if left else []
 
 
+class _Sentence(NamedTuple):
+    """Content of a sentence of NMEA."""
+
+    kind: str
+    clock: float
+    """Seconds of the day; NaN without a fix."""
+    instant: float | None
+    """Seconds since 1970; None without a date."""
+    place: tuple[float, float] | None
+    """Latitude and longitude of a fix; None without one. [degrees]"""
+
+    @classmethod
+    def of(cls, cells: list[str], kind: str) -> "_Sentence":
+        """Read the cells of a sentence; raises IndexError or ValueError if they are invalid."""
+        if kind == "ZDA":
+            date = f"{cells[2]}{cells[3]}{cells[4][-2:]}"
+            return cls(kind, _clock(cells[1]), _dated(date, cells[1]), None)
+        if kind == "GGA" and cells[6] in _MEASURED:
+            return cls(kind, _clock(cells[1]), None, _place(cells[2:6]))
+        if kind == "RMC" and cells[2] == "A":
+            instant = _dated(cells[9], cells[1]) if cells[9] else None
+            return cls(kind, _clock(cells[1]), instant, _place(cells[3:7]))
+        # a date is then that of a clock without a fix, such as 1980
+        return cls.without_fix(kind)
+
+    @classmethod
+    def without_fix(cls, kind: str) -> "_Sentence":
+        """Sentence without time and place."""
+        return cls(kind, math.nan, None, None)
+
+
 def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
     """
     Read the fixes of a GNSS receiver as one vehicle, with dates of RMC or ZDA.
 
-    Of sentences with the same time GGA has priority. Sentences with a wrong checksum and fixes that
-    the receiver marks as invalid are left out.
+    Of sentences with the same time GGA has priority. Sentences with a wrong checksum and those
+    without a measured fix (void, estimated, manual or simulated) are left out, with their dates.
+    ZDA does not say if the receiver has a fix: its date counts only between measured fixes.
     """
-    fixes: dict[float, tuple[float, float]] = {}
-    second: dict[float, tuple[float, float]] = {}
-    waiting: list[tuple[float, tuple[float, float]]] = []
-    last: float | None = None  # of a dated sentence, since 1970 [s]
-    wrong = invalid = 0
+    sentences: list[_Sentence] = []
+    wrong = 0
     for line in read_text(path, ExchangeError, errors="replace").splitlines():
         match = _SENTENCE.search(line)
         if match is None:
@@ -78,45 +111,66 @@ def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
         if checksum and reduce(xor, body.encode(), 0) != int(checksum, 16):
             wrong += 1
             continue
-        cells = body.split(",")
         try:
-            if kind == "ZDA":
-                last = _dated(f"{cells[2]}{cells[3]}{cells[4][-2:]}", cells[1])
-                continue
-            place, valid = _fix(cells, kind)
-            if kind == "RMC":
-                last = _dated(cells[9], cells[1])
-            clock = _clock(cells[1])
+            sentences.append(_Sentence.of(body.split(","), kind))
         except (IndexError, ValueError):
-            invalid += 1
-            continue
-        if not valid:
-            invalid += 1
-        elif kind == "RMC" and last is not None:
-            second[last] = place
-        elif last is None:
-            waiting.append((clock, place))
-        else:
-            fixes[_nearest(clock, last)] = place
-    if last is None and waiting:
-        raise ExchangeError(
-            f"{path}: fixes without a date; the receiver must also write RMC or ZDA sentences"
-        )
-    first = min([*second, *fixes, *([] if last is None else [last])], default=0.0)
-    for clock, place in waiting:
-        fixes.setdefault(_nearest(clock, first), place)
-    merged = second | fixes
-    if not merged:
-        raise ExchangeError(f"{path}: no valid fix among its GGA and RMC sentences")
+            sentences.append(_Sentence.without_fix(kind))
+    dated, unused = _with_usable_dates(sentences)
+    measured = [one for one in dated if one.place is not None or one.instant is not None]
+    merged = _by_time(measured, path)
     times = sorted(merged)
     instants = [np.datetime64(round(1e9 * time), "ns") for time in times]
     points = [(*merged[time], 0.0) for time in times]
     notes = [
         f"{path}: {counted(count, 'sentence')} {why}"
-        for count, why in ((wrong, "with a wrong checksum"), (invalid, "without a valid fix"))
+        for count, why in (
+            (wrong, "with a wrong checksum"),
+            (len(dated) - len(measured), "without a valid fix"),
+            (unused, "ZDA beside those without a valid fix, with dates that are not used"),
+        )
         if count
     ]
     return [_surface(path.stem, instants, points, path)], notes
+
+
+def _with_usable_dates(sentences: list[_Sentence]) -> tuple[list[_Sentence], int]:
+    """Remove dates of ZDA before or after a sentence without a fix, and return their number."""
+    beside = [True] * len(sentences)
+    for order in (range(len(sentences)), reversed(range(len(sentences)))):
+        fixed = True
+        for i in order:
+            if sentences[i].kind == "ZDA":
+                beside[i] &= fixed or sentences[i].instant is None
+            else:
+                fixed = sentences[i].place is not None
+    usable = [one for one, good in zip(sentences, beside, strict=True) if good]
+    return usable, len(sentences) - len(usable)
+
+
+def _by_time(measured: list[_Sentence], path: Path) -> dict[float, tuple[float, float]]:
+    """
+    Places by seconds since 1970.
+
+    A fix without a date is on the day that is nearest to the sentence before, or to the one behind
+    if it is before all dates.
+    """
+    if not any(one.place for one in measured):
+        raise ExchangeError(f"{path}: no valid fix among its GGA and RMC sentences")
+    start = next((i for i, one in enumerate(measured) if one.instant is not None), None)
+    if start is None:
+        raise ExchangeError(
+            f"{path}: fixes without a date; the receiver must also write RMC or ZDA sentences with"
+            " a valid fix"
+        )
+    places: dict[str, dict[float, tuple[float, float]]] = {"RMC": {}, "GGA": {}}
+    first = float(measured[start].instant or 0.0)
+    for part in (measured[start:], measured[:start][::-1]):
+        last = first
+        for one in part:
+            last = _nearest(one.clock, last) if one.instant is None else one.instant
+            if one.place is not None:
+                places[one.kind][last] = one.place
+    return places["RMC"] | places["GGA"]
 
 
 def _surface(
@@ -158,15 +212,15 @@ def _nearest(clock: float, last: float) -> float:
     return clock + _DAY * round((last - clock) / _DAY)
 
 
-def _fix(cells: list[str], kind: str) -> tuple[tuple[float, float], bool]:
-    """Latitude and longitude of a sentence [degrees], and True if the receiver has a fix."""
-    first = 2 if kind == "GGA" else 3
+def _place(cells: list[str]) -> tuple[float, float]:
+    """Latitude and longitude of four cells: degrees with minutes, and hemisphere. [degrees]"""
     place = []
-    for value, side, width in (
-        (cells[first], cells[first + 1], 2),
-        (cells[first + 2], cells[first + 3], 3),
+    for value, side, signs in (
+        (cells[0], cells[1], {"N": 1.0, "S": -1.0}),
+        (cells[2], cells[3], {"E": 1.0, "W": -1.0}),
     ):
-        degrees = int(value[:width]) + float(value[width:]) / 60.0
-        place.append(-degrees if side in ("S", "W") else degrees)
-    valid = int(cells[6]) > 0 if kind == "GGA" else cells[2] == "A"
-    return (place[0], place[1]), valid
+        match = _ANGLE.fullmatch(value)
+        if match is None or side not in signs:
+            raise ValueError(value)
+        place.append(signs[side] * (int(match[1] or 0) + float(match[2]) / 60.0))
+    return place[0], place[1]

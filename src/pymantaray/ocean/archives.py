@@ -17,8 +17,12 @@ from pymantaray.ocean.whp import bottle_table
 from pymantaray.records.digits import counted
 
 _WOD = re.compile(r"CAST\s*,,\s*\d+\s*,WOD Unique Cast Number")
-_WOD_COLUMNS = {"depth": "Depth", "pressure": "Pressure", "temperature": "Temperatur"}
-_WOD_COLUMNS["salinity"] = "Salinity"
+_WOD_COLUMNS = {
+    "depth": "Depth",
+    "pressure": "Pressure",
+    "temperature": "Temperatur",
+    "salinity": "Salinity",
+}
 _WOD_MISSING = ("---*---", "**********")
 _ODV_ROLES = {
     "cruise": r"cruise",
@@ -31,8 +35,18 @@ _ODV_ROLES = {
     "type": r"type\b",
     "bottom": r"bot\w*\.?\s*depth",
 }
-_ODV_BAD = "48"  # questionable and bad in ODV's own scheme
-_OTHER_BAD = "3459"  # in those of SeaDataNet, Argo and WOCE
+# flags of questionable, bad and missing values by scheme
+_ODV_BAD = {
+    "ODV": "48",
+    "WOD": "123456789",
+    "WODSTATION": "123456789",
+    "BODC": "KLMNO",
+    "PANGAEA": "?/",
+    "ESEAS": "3489",
+}
+_OTHER_BAD = "3459"  # in those of SeaDataNet, Argo, GTSPP, IODE, OceanSITES, QARTOD and WOCE
+_WITH_OTHER_BAD = r"SEADATANET|ARGO|GTSPP|IODE|OCEANSITES|QARTOD|WOCE.*"
+_DATE_ONLY = re.compile(r"\d{4}-\d\d-\d\d")
 
 
 class ArchiveTable(NamedTuple):
@@ -76,15 +90,21 @@ def _roles(titles: list[str]) -> dict[str, int]:
 
 
 def _odv(_: Path, lines: Lines) -> ArchiveTable:
-    """Casts of a spreadsheet, whose labels may be in the first row of a station only."""
+    """
+    Casts of a spreadsheet, whose labels may be in the first row of a station only.
+
+    A station without latitude or longitude has no place, as a cast of any other table.
+    """
     start = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("//"))
     titles = _cells(lines[start])
     roles = _roles(titles)
-    flags = {k for k, title in enumerate(titles) if re.match(r"Q[VF]\b", title)}
+    flags, notes = _odv_flags(titles)
     data = [k for k in range(len(titles)) if k not in flags and k not in roles.values()]
     table = [""] * len(lines)
     table[start] = "\t".join(["station", "time", "lat", "lon", *(titles[k] for k in data)])
     label: dict[str, str] = {}
+    types: dict[str, str] = {}  # of the first station of each name
+    times: dict[str, str] = {}
     rejected = 0
     for i, line in enumerate(lines[start + 1 :], start + 1):
         if not line.strip() or line.startswith("//"):
@@ -95,17 +115,56 @@ def _odv(_: Path, lines: Lines) -> ArchiveTable:
             continue
         cells += [""] * (len(titles) - len(cells))
         own = {role: cells[k] for role, k in roles.items() if cells[k]}
-        label = own if {"station", "lat", "lon"} <= own.keys() else label | own
-        for k in flags:
-            scheme = _ODV_BAD if ":ODV" in titles[k] or ":" not in titles[k] else _OTHER_BAD
-            if k and cells[k] and cells[k] in scheme and cells[k - 1]:
-                cells[k - 1] = ""
+        label = _station(own, label)
+        for k, (flagged, bad) in flags.items():
+            if cells[k] and cells[k] in bad and cells[flagged]:
+                cells[flagged] = ""
                 rejected += 1
         name = "/".join(filter(None, (label.get("cruise", ""), label.get("station", ""))))
+        own_type = label.get("type", "")
+        if own_type and types.setdefault(name, own_type) != own_type:  # such as bottles and a CTD
+            name = f"{name}/{own_type}"
+        times[name] = _odv_time(label)
         place = label.get("lat", ""), label.get("lon", "")
-        table[i] = "\t".join([name, _odv_time(label), *place, *(cells[k] for k in data)])
-    notes = [f"{rejected} values rejected by quality flags"] if rejected else []
-    return ArchiveTable("ODV spreadsheet", "\n".join(table), tuple(notes))
+        table[i] = "\t".join([name, times[name], *place, *(cells[k] for k in data)])
+    notes += [f"{counted(rejected, 'value')} rejected by quality flags"] if rejected else []
+    return ArchiveTable("ODV spreadsheet", "\n".join(table), (*notes, *_without_clock(times)))
+
+
+def _odv_flags(titles: list[str]) -> tuple[dict[int, tuple[int, str]], list[str]]:
+    """
+    Column of the values and bad flags of each column of flags, and notes about unknown schemes.
+
+    Standard deviations may be between values and flags.
+    """
+    flags: dict[int, tuple[int, str]] = {}
+    notes: dict[str, None] = {}
+    values = -1
+    for k, title in enumerate(titles):
+        if not re.match(r"Q[VF]\b", title):
+            values = values if title.upper().startswith("STANDARD_DEV") else k
+            continue
+        scheme = (title.split(":")[1].strip() if ":" in title else "ODV").upper()
+        if scheme not in _ODV_BAD and not re.fullmatch(_WITH_OTHER_BAD, scheme):
+            notes[f"quality flags of {scheme}: read as those of SeaDataNet"] = None
+        if values >= 0:
+            flags[k] = values, _ODV_BAD.get(scheme, _OTHER_BAD)
+    return flags, list(notes)
+
+
+def _without_clock(times: dict[str, str]) -> list[str]:
+    """Note about the casts, by name, that have a date without a time of day."""
+    count = sum(bool(_DATE_ONLY.fullmatch(time)) for time in times.values())
+    return [f"time of day of {counted(count, 'cast')} unknown: 0 h assumed"] if count else []
+
+
+def _station(own: dict[str, str], before: dict[str, str]) -> dict[str, str]:
+    """Labels of a row; its empty cells are those of the row before at the same station only."""
+    same = all(
+        own.get(role, before.get(role)) == before.get(role)
+        for role in ("cruise", "station", "type")
+    )
+    return before | own if same else own
 
 
 def _odv_time(label: dict[str, str]) -> str:
@@ -117,7 +176,10 @@ def _odv_time(label: dict[str, str]) -> str:
         return ""
     clock = label.get("clock", "")
     day = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}"
-    return f"{day}T{clock}" if re.fullmatch(r"\d\d:\d\d(:\d\d)?", clock) else day
+    if not re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?", clock):
+        return day
+    hour, rest = clock.split(":", 1)
+    return f"{day}T{hour:0>2}:{rest}"
 
 
 def _wod(path: Path, lines: Lines) -> ArchiveTable:
@@ -127,6 +189,7 @@ def _wod(path: Path, lines: Lines) -> ArchiveTable:
     head: dict[str, str] = {}
     columns: dict[str, int] = {}
     flags: list[str] = []
+    times: dict[str, str] = {}
     inside, rejected = False, 0
     for i, line in enumerate(lines):
         cells = [cell.strip() for cell in line.split(",")]
@@ -148,6 +211,7 @@ def _wod(path: Path, lines: Lines) -> ArchiveTable:
                 rejected += bad and value not in ("", *_WOD_MISSING)
                 values[quantity] = "" if bad else value
             labels = head.get("CAST", ""), _wod_time(head), head.get("Latitude", "")
+            times[labels[0]] = labels[1]
             row = (*labels, head.get("Longitude", ""), *(values.get(q, "") for q in _WOD_COLUMNS))
             table[i] = ",".join(row)
         elif len(cells) > 2 and not columns:
@@ -155,7 +219,7 @@ def _wod(path: Path, lines: Lines) -> ArchiveTable:
     if not any(table[1:]):
         raise OceanError(f"{path}: a file of the World Ocean Database without levels of any cast")
     notes = [f"{counted(rejected, 'value')} rejected by quality flags"] if rejected else []
-    return ArchiveTable("World Ocean Database", "\n".join(table), tuple(notes))
+    return ArchiveTable("World Ocean Database", "\n".join(table), (*notes, *_without_clock(times)))
 
 
 def _wod_time(head: dict[str, str]) -> str:
@@ -167,8 +231,8 @@ def _wod_time(head: dict[str, str]) -> str:
     hours = number_of(head.get("Time", ""))
     if not 0.0 <= hours < 24.0:
         return date
-    minutes = round(60.0 * hours)
-    return f"{date}T{min(minutes // 60, 23):02d}:{minutes % 60:02d}"
+    minutes = min(round(60.0 * hours), 24 * 60 - 1)
+    return f"{date}T{minutes // 60:02d}:{minutes % 60:02d}"
 
 
 _FORMATS: tuple[tuple[Callable[[str, Lines], bool], Callable[[Path, Lines], ArchiveTable]], ...] = (

@@ -18,6 +18,7 @@ from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
 
 _GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
+_REJECTED = "4"  # of EN4, for levels and profiles
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
 _FILL = 99_999.0  # fill value of the format, also if it is not declared
@@ -47,6 +48,8 @@ def _of_en4(data: xr.Dataset) -> xr.Dataset:
     """
     Profiles of EN4 (Good et al., 2013, https://doi.org/10.1002/2013JC009067) with the names of
     Argo: corrected depth, potential temperature and salinity as pressure, temperature and salinity.
+
+    The flag of a whole profile, PROFILE_POTM_QC or PROFILE_PSAL_QC, counts for each of its levels.
     """
     missing = [n for n in ("DEPH_CORRECTED", "PSAL_CORRECTED") if n not in data.variables]
     if missing:
@@ -68,8 +71,10 @@ def _of_en4(data: xr.Dataset) -> xr.Dataset:
     for (name, array), own in zip(values.items(), ("DEPH", "POTM", "PSAL"), strict=True):
         argo[name] = _DIMS, array
         flags = _letters(data, f"{own}_CORRECTED_QC", shape)
+        whole = _letters(data, f"PROFILE_{own}_QC", shape[:1])
         if flags is not None:
-            argo[f"{name}_QC"] = _DIMS, flags
+            rejected = np.False_ if whole is None else whole[:, None] == _REJECTED
+            argo[f"{name}_QC"] = _DIMS, np.where(rejected, _REJECTED, flags)
     return argo
 
 

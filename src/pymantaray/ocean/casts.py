@@ -36,6 +36,7 @@ from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_h
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.quantities.checks import distinct_digits
+from pymantaray.records.digits import counted
 from pymantaray.records.text_table import MONTHS
 from pymantaray.user_files import exists, first_bytes
 
@@ -259,9 +260,10 @@ def cast_of_table(
     table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None
 ) -> Cast:
     """Convert a table with one cast; a missing place or quantity raises an error."""
+    where = str(table.path) + (f", {station}" if station not in ("", table.path.stem) else "")
     if place is None:
         raise OceanError(
-            f"{table.path}: no place{unread_position(table)}; give lat and lon, add columns of"
+            f"{where}: no place{unread_position(table)}; give lat and lon, add columns of"
             " these names, or a comment '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
@@ -302,7 +304,7 @@ def cast_of_table(
         bottom_depth=float(bottom[1]) if bottom else float("nan"),
         notes=notes,
         titles={"temperature": table.title(kinds[0]), "salinity": table.title(kinds[1])},
-        where=str(table.path) + (f", {station}" if station not in ("", table.path.stem) else ""),
+        where=where,
     )
 
 
@@ -559,7 +561,9 @@ def _levels(cast: Cast, levels: ArrayLike | None, bottom: float) -> tuple[Array,
     if z.ndim != 1 or z.size < 2 or z[0] != 0.0 or not np.all(np.diff(z) > 0.0):
         raise OceanError(f"cast {cast.name}: levels must strictly increase from 0 m")
     deeper = int(np.count_nonzero(z > bottom))
-    notes = [f"{deeper} levels below the bottom at {bottom:g} m removed"] if deeper else []
+    notes = (
+        [f"{counted(deeper, 'level')} below the bottom at {bottom:g} m removed"] if deeper else []
+    )
     if bottom not in z:
         notes.append(f"level added at the bottom, {bottom:g} m")
     return np.append(z[z < bottom], bottom), notes

@@ -20,6 +20,7 @@ from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
 from pymantaray.ocean.positions import is_position, unused_position
+from pymantaray.records.digits import counted
 
 _QUANTITIES = {
     "depth": ("depth",),
@@ -115,7 +116,9 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         own, flagged = _adjusted(data, name)
         up = text(data.variables[name], "positive").lower() == "up"
         values[quantity] = np.broadcast_to(-own if up else own, data.variables[main].shape)
-        notes += [f"{flagged} values of {name} rejected by quality flags"] if flagged else []
+        notes += (
+            [f"{counted(flagged, 'value')} of {name} rejected by quality flags"] if flagged else []
+        )
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
     role = next(

@@ -153,7 +153,7 @@ def _without_flagged_rows(names: Sequence[str], rows: Rows) -> Iterator[str]:
         for i in flagged:
             del rows[i]
         if flagged:
-            yield f"{len(flagged)} rows rejected by a bad flag"
+            yield f"{counted(len(flagged), 'row')} rejected by a bad flag"
 
 
 def _measured_depth(

@@ -12,7 +12,7 @@ import xarray as xr
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import degrees
+from pymantaray.ocean.convert import degrees, to_our_unit
 from pymantaray.ocean.curvilinear import Box, CurvilinearGrid, on_ellipsoid
 from pymantaray.ocean.files import file_name, numbers, text
 
@@ -51,6 +51,7 @@ _UNITS = {
     "longitude": ("degrees_east", "degree_east"),
 }
 _FIELD_DIMENSIONS = 3  # levels, rows, columns
+_SAME_LATITUDE = 1e-3  # degrees; coordinates in single precision differ by less
 
 
 class ModelField(NamedTuple):
@@ -83,6 +84,12 @@ class ModelField(NamedTuple):
             part[str(dim)] = slice(first, first + 1)
         values = numbers(self.data, self.name, part)
         return values.reshape(values.shape[-kept:])
+
+    def metres(self, box: Box, instant: int = 0, kept: int = _FIELD_DIMENSIONS) -> Array:
+        """Depths or thicknesses as `block`, in metres; those without a unit are in metres."""
+        unit = text(self.variable, "units") or "m"
+        values = self.block(box, instant, kept)
+        return to_our_unit(values, "length", unit, where=self.where)
 
 
 def standard_name(field: ModelField, role: str) -> str:
@@ -123,20 +130,40 @@ def on_points(
 
 def is_curvilinear(files: Sequence[xr.Dataset], field: ModelField) -> bool:
     """
-    True if a field has latitudes in two dimensions, or a map projection, and no latitude in one.
+    True if a field has latitudes in two dimensions, or a map projection, and no equal latitudes in
+    one dimension.
+
+    MOM6 and others write nominal latitudes in one dimension beside those of the grid.
     """
-    straight = any(
-        v.ndim == 1
-        and v.dims[0] in field.variable.dims
-        and (
-            text(v, "standard_name") == "latitude"
-            or text(v, "units").lower().startswith(_UNITS["latitude"])
-        )
-        for v in field.data.variables.values()
+    lat = _coordinate(files, field, "latitude")
+    straight = next(
+        (
+            ModelField(field.data, str(name))
+            for name, v in field.data.variables.items()
+            if v.ndim == 1
+            and v.dims[0] in field.variable.dims[-2:]
+            and (
+                text(v, "standard_name") == "latitude"
+                or text(v, "units").lower().startswith(_UNITS["latitude"])
+            )
+        ),
+        None,
     )
-    return not straight and (
-        _coordinate(files, field, "latitude") is not None or _mapping(field.data) is not None
-    )
+    if straight is None:
+        return lat is not None or _mapping(field.data) is not None
+    nominal = "nominal" in text(straight.variable, "long_name").lower()
+    if lat is None:
+        if nominal:
+            raise OceanError(
+                f"{field.where}: {straight.name} is a nominal latitude, not that of the grid; name"
+                " the file with the model's grid too (ocean_static.nc)"
+            )
+        return False
+    along = degrees(straight.data, straight.name, "latitude")
+    by_row = straight.variable.dims[0] == field.variable.dims[-2]
+    grid = degrees(lat.data, lat.name, "latitude").reshape(lat.variable.shape[-2:])
+    apart = np.abs(grid - (along[:, None] if by_row else along))
+    return nominal or bool(np.any(apart[np.isfinite(apart)] > _SAME_LATITUDE))
 
 
 def grid_of(files: Sequence[xr.Dataset], field: ModelField) -> CurvilinearGrid | None:
@@ -159,27 +186,38 @@ def grid_of(files: Sequence[xr.Dataset], field: ModelField) -> CurvilinearGrid |
 def _coordinate(files: Sequence[xr.Dataset], field: ModelField, axis: str) -> ModelField | None:
     """
     Latitude or longitude of a field in two dimensions: as its attribute ``coordinates`` says, by
-    units and standard name in its file, then by name in all files.
+    name, by units and standard name in its file, then by name in all files.
+
+    Variables of its file on other dimensions, of which it has one, are at another position of the
+    grid, such as ``geolat_u``.
     """
-    shape = field.variable.shape[-2:]
+    own, dims, shape = field.data, field.variable.dims[-2:], field.variable.shape[-2:]
 
-    def fits(own: xr.Dataset, name: str) -> bool:
-        there = own.variables[name]
-        return there.shape[-2:] == shape and there.size == shape[0] * shape[1]
+    def fits(data: xr.Dataset, name: str, *, same: bool = False) -> bool:
+        there = data.variables[name]
+        elsewhere = data is own and there.dims[-2:] != dims
+        beside = elsewhere and (same or bool(set(there.dims[-2:]) & set(dims)))
+        return there.shape[-2:] == shape and there.size == shape[0] * shape[1] and not beside
 
-    own = field.data
+    def named(data: xr.Dataset) -> list[str]:
+        by_lower = {str(name).lower(): str(name) for name in data.variables}
+        return [by_lower[name] for name in _COORDINATES[axis] if name in by_lower]
+
     said = text(field.variable, "coordinates") or str(field.variable.encoding.get("coordinates"))
     listed = [n for n in said.split() if n in own.variables]
-    for name in (*listed, *map(str, own.variables)):
+    by_name = [name for name in named(own) if fits(own, name, same=True)]
+    if by_name and not listed:
+        return ModelField(own, by_name[0])
+    for name in (*listed, *by_name, *map(str, own.variables)):
         there = own.variables[name]
         right = text(there, "standard_name") == axis or text(there, "units").lower().startswith(
             _UNITS[axis]
         )
-        if right and fits(own, name):
+        if right and fits(own, name, same=name not in listed):
             return ModelField(own, name)
     for data in (own, *files):
-        for name in map(str, data.variables):
-            if name.lower() in _COORDINATES[axis] and fits(data, name):
+        for name in named(data):
+            if fits(data, name):
                 return ModelField(data, name)
     return None
 

@@ -143,7 +143,7 @@ class _Model:
             # thicknesses that vary in time are those of the field's own file and instant
             shape = self.temperature.variable.shape[-3:]
             varying = on_points([field.data], _THICKNESS, shape) or own.thickness
-            thickness = varying.block(self.box, instant if varying.data is field.data else 0)
+            thickness = varying.metres(self.box, instant if varying.data is field.data else 0)
             full = None if varying.time or own.fixed is None else rows(own.fixed)
             return cell_depth(np.where(self.wet, rows(thickness), 0.0), full)
         assert own.fixed is not None  # one of the three
@@ -175,11 +175,18 @@ class _Model:
         bed = on_points(self.files, _BEDS, self.temperature.variable.shape[-2:])
         own = self.levels
         if own.thickness is not None and (bed is None or not own.thickness.time):
-            thickness = self._in_order(own.thickness.block(self.box))
+            thickness = self._in_order(own.thickness.metres(self.box))
             total: Array = np.where(self.wet, np.nan_to_num(thickness), 0.0).sum(axis=0)
             return total
         if bed is not None:
-            return bed.block(self.box, kept=2)
+            depth = bed.metres(self.box, kept=2)
+            wet = depth[self.wet[0] & np.isfinite(depth)]
+            if wet.size and np.all(wet <= 0.0):
+                raise OceanError(
+                    f"{bed.where} is {wet.min():g} to {wet.max():g} m in the water of the window;"
+                    " it must be the depth of the bed, positive down; change its sign"
+                )
+            return depth
         if own.fixed is None:
             raise OceanError(
                 f"{self.temperature.where}: the levels follow the sea bed, but no file has the"
@@ -268,7 +275,13 @@ class _Model:
         angle = on_points(self.files, ("angle",), self.temperature.variable.shape[-2:])
         if angle is not None:
             turn = angle.block(self.box, kept=2)
-            turn = np.radians(turn) if text(angle.variable, "units").startswith("deg") else turn
+            unit = text(angle.variable, "units").lower()
+            if not unit.startswith("deg") and np.nanmax(np.abs(turn), initial=0.0) > 2.0 * np.pi:
+                raise OceanError(
+                    f"{angle.where} is up to {np.nanmax(np.abs(turn)):.4g}, which is no angle in"
+                    " radians; set its units to degrees"
+                )
+            turn = np.radians(turn) if unit.startswith("deg") else turn
             return np.stack([np.cos(turn), np.sin(turn)]), np.stack([-np.sin(turn), np.cos(turn)])
         signs = index_signs(self.temperature)
         along, across = self.grid.directions()
@@ -457,12 +470,17 @@ def _levels_of(files: Sequence[xr.Dataset], field: ModelField) -> _Levels:
 
 
 def _depth_axis(field: ModelField) -> str | None:
-    """Coordinate with the depths of a field's levels in metres."""
+    """
+    Coordinate with the depths of a field's levels in metres: of the name of the dimension, or with
+    a direction, before others such as the thickness of cells.
+    """
     dim = field.variable.dims[-3]
-    for name, there in field.data.variables.items():
-        if there.dims == (dim,) and is_unit_of("length", text(there, "units")):
-            return str(name)
-    return None
+    known = [
+        (name != dim, not text(there, "positive"), str(name))
+        for name, there in field.data.variables.items()
+        if there.dims == (dim,) and is_unit_of("length", text(there, "units"))
+    ]
+    return min(known, key=lambda one: one[:2])[2] if known else None
 
 
 def _attribute(files: Sequence[xr.Dataset], name: str) -> Any:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -14,6 +15,12 @@ RASTER = "raster"
 """Name of the variable of a grid whose file has no names."""
 _KEYS = ("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter", "cellsize")
 _DIGITS = 6  # of the coordinates in x, y, z; 0.1 m of latitude
+_IRREGULAR = 0.05  # of the median step; steps of a regular axis are rounded
+_NORTH_FIRST = re.compile(
+    r"[#>\s]*(lat|latitude|y|northing)(?:\s*[\[(][^\])]*[\])])?[,;\s]+"
+    r"(lon|longitude|long|x|easting)\b",
+    re.IGNORECASE,
+)
 _NUMBER = re.compile(r"[-+]?\d*\.?\d+(e[-+]?\d+)?,?", re.IGNORECASE)
 
 
@@ -80,14 +87,21 @@ def _esri(text: str, path: Path) -> tuple[Array, Array, Array]:
 
 
 def _xyz(text: str, path: Path) -> tuple[Array, Array, Array]:
-    """Latitudes, longitudes and values of lines x, y, z, which cover a grid in any order."""
+    """
+    Latitudes, longitudes and values of lines x, y, z, which cover a grid in any order; of lines y,
+    x, z if a comment names them in this order.
+    """
     lines = [line for line in text.splitlines() if line.strip() and line[:1] not in "#>"]
+    comments = [line for line in text.splitlines() if line[:1] in ("#", ">")]
     try:
         points = np.array([line.replace(",", " ").split() for line in lines], dtype=float)
     except ValueError:
         raise OceanError(f"{path.name}: a line has not three numbers x, y, z; correct it") from None
-    lon, column = np.unique(np.round(points[:, 0], _DIGITS), return_inverse=True)
-    lat, row = np.unique(np.round(points[:, 1], _DIGITS), return_inverse=True)
+    east, north = points[:, 0], points[:, 1]
+    if any(map(_NORTH_FIRST.match, comments)):
+        east, north = north, east
+    lon, column = _axis(_in_one_turn(east), path)
+    lat, row = _axis(north, path)
     if lat.size * lon.size > 2 * len(points):
         raise OceanError(
             f"{path.name}: {len(points)} points are at {lon.size} different x and {lat.size}"
@@ -95,4 +109,44 @@ def _xyz(text: str, path: Path) -> tuple[Array, Array, Array]:
         )
     values = np.full((lat.size, lon.size), np.nan)
     values[row, column] = points[:, 2]
+    twice = (values[row, column] != points[:, 2]) & np.isfinite(points[:, 2])
+    if twice.any():
+        raise OceanError(
+            f"{path.name}: line {lines[int(np.argmax(twice))]!r} has the place of a later line with"
+            " another z; keep one of them"
+        )
     return lat, lon, values
+
+
+def _in_one_turn(lon: Array) -> Array:
+    """Longitudes without a gap of more than half a turn; coordinates in metres are unchanged."""
+    axis = np.unique(lon)
+    gaps = np.diff(axis)
+    if axis.size < 2 or np.abs(axis).max() > 360.0 or gaps.max() <= 180.0:
+        return lon
+    return np.where(lon > axis[np.argmax(gaps)], lon - 360.0, lon)
+
+
+def _axis(values: Array, path: Path) -> tuple[Array, NDArray[np.intp]]:
+    """
+    Increasing axis of the values, and the index of each.
+
+    A regular axis includes those that no line has, such as a column that is land.
+    """
+    axis, index = np.unique(np.round(values, _DIGITS), return_inverse=True)
+    steps = np.diff(axis)
+    if steps.size < 2:
+        return axis, index
+    step = np.median(steps)
+    counts = np.round(steps / step)
+    irregular = np.any((counts < 1.0) | (np.abs(steps - counts * step) > _IRREGULAR * step))
+    if irregular or counts.max() == 1.0:
+        return axis, index
+    if counts.sum() > 2.0 * values.size:
+        raise OceanError(
+            f"{path.name}: {values.size} points are at {axis.size} different coordinates from"
+            f" {axis[0]:g} to {axis[-1]:g}, {step:g} apart, so they are no grid; correct them or"
+            " interpolate them first (gmt surface)"
+        )
+    place = np.concatenate([[0.0], np.cumsum(counts)])
+    return np.interp(np.arange(place[-1] + 1.0), place, axis), place.astype(np.intp)[index]

@@ -146,4 +146,4 @@ def _without_bad(names: list[str], rows: Rows, *columns: str) -> list[str]:
             if len(cells) > max(k, flag) and cells[k] and cells[flag] in bad and cells[flag]:
                 cells[k] = ""
                 count += 1
-    return [f"{count} values rejected by quality flags"] if count else []
+    return [f"{counted(count, 'value')} rejected by quality flags"] if count else []

@@ -28,7 +28,8 @@ _NOISES = {
 }
 # memories of the sound speed, relative to the survey's duration
 _MEMORIES = (np.inf, 1.0, 0.25, 0.0625, 0.015625)
-# prior of the models: probability of each kind, divided among its memories and amplitudes
+# prior of the models: relative probability of each kind, divided among its memories and amplitudes;
+# the sum differs with the kinds that are allowed, so the weights of the average are normalized
 _PROBABILITIES = {"known": 1.0, "scale": 0.2, "time": 0.75, "gradient": 0.05, "modes": 0.2}
 _AMPLITUDES = (1e-5, 3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
 _MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
