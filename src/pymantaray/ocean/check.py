@@ -281,13 +281,11 @@ def _islands(ocean: xr.Dataset, wet: Mask) -> Iterator[Finding]:
     beside = np.nansum(_around(wet.astype(float)), axis=0)
     lone = wet & (beside == 0)
     if lone.any():
-        value = (
-            f"{counted(np.count_nonzero(lone), 'point')} without a wet neighbour at the same level"
-        )
+        value = f"{counted(int(lone.sum()), 'point')} without a wet neighbour at the same level"
         yield _doubt("isolated wet points", value, place_of(ocean, np.argwhere(lone)[0]))
     land = ~wet[0] & (beside[0] == 4)
     if land.any():
-        value = counted(np.count_nonzero(land), "column")
+        value = counted(int(land.sum()), "column")
         yield _doubt("land of one point", value, place_of(ocean, (0, *np.argwhere(land)[0])))
 
 
