@@ -315,6 +315,7 @@ def test_water_of_archives_needs_no_option(tmp_path):
     ("options", "name"),
     [
         ({"cast": "AB12/St1"}, "AB12/St1"),
+        ({"cast": "St1"}, "AB12/St1"),
         ({"cast": "nearest", "centre": (70.4, -150.0)}, "AB12/St0"),
         ({"cast": "nearest", "centre": (71.2, -179.9)}, "AB12/St1"),
     ],

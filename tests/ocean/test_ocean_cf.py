@@ -141,6 +141,8 @@ def test_every_flavour_has_the_sound_speed_of_gsw(tmp_path, mass_unit, practical
     assert ocean.attrs["source"] == "Somewhere"
     converted = how["temperature"] != "sea_water_temperature" or not practical
     assert ("TEOS-10" in ocean.attrs.get("history", "")) == converted
+    assert "practical to practical" not in ocean.attrs.get("history", "")
+    assert "in situ to in situ" not in ocean.attrs.get("history", "")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("dbar", 1.0), ("Pa", 1e4), ("bar", 0.1)])

@@ -206,6 +206,14 @@ def test_depths_of_an_ssp_are_needed(tmp_path):
         open_water(path, **OPTIONS)
 
 
+def test_an_env_is_refused_with_what_to_give_instead(tmp_path):
+    env = bellhop(tmp_path).with_suffix(".env")
+    with pytest.raises(
+        MantaRayError, match=r"case\.env: an input file of Bellhop.* give the \.ssp"
+    ):
+        open_water(env, **OPTIONS)
+
+
 def test_only_a_section_has_a_bearing():
     axes = {"north": [0.0, 1e3], "east": [0.0, 1e3], "depth": DEPTH}
     box = xr.DataArray(np.full((2, 2, DEPTH.size), 1500.0), axes).to_dataset(name="sound_speed")

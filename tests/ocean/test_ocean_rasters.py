@@ -3,6 +3,8 @@ Sea floors as ESRI ASCII, x, y, z and GeoTIFF are those of the same grid in NetC
 covers a part of an ocean is joined to the ocean's own sea floor.
 """
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -200,6 +202,14 @@ def test_a_survey_is_joined_to_the_floor_of_the_ocean(tmp_path):
     assert float(far) == pytest.approx(float(expected), abs=0.5)
     (note,) = floor.attrs["notes"]
     assert "elsewhere the sea floor is that of the ocean, with steps of up to" in note
+    share, *limits = [
+        float(number)
+        for number in re.search(
+            r"covers (.*) % of the ocean, from (.*) N, (.*) W to (.*) N, (.*) E;", note
+        ).groups()
+    ]
+    assert share == pytest.approx(100.0 * 0.3 * 0.4 / (1.0 * 4.0), rel=0.1)
+    assert limits == pytest.approx([77.9, 0.2, 78.2, 0.2], abs=0.011)
     local = to_local(ocean, half_extent=(20e3, 20e3), sea_floor=floor)
     assert isinstance(local, xr.Dataset)
     assert float(local["sea_floor_depth"].min()) <= 1100.0

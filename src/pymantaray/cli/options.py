@@ -406,8 +406,8 @@ class GridOptions:
         str | None,
         typer.Option(
             metavar="METRES|FILE",
-            help="Depth of the sea floor, or a NetCDF file of it; required for a"
-            " profile. Default: the deepest levels of the ocean.",
+            help="Depth of the sea floor, or a file of it (NetCDF, GeoTIFF, ESRI ASCII, text of"
+            " x, y, z); required for a profile. Default: the deepest levels of the ocean.",
         ),
     ] = None
     crs: Annotated[

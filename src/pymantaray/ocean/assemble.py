@@ -78,10 +78,7 @@ def ocean_of(
         values["water_temp"], values["salinity"] = to_in_situ_and_practical(
             *water, pressure, lat, lon
         )
-        steps.append(
-            f"temperature converted from {kinds[0]} to in situ, salinity from {kinds[1]} to"
-            " practical (TEOS-10)"
-        )
+        steps.append(_conversion_step(*kinds))
     if part.is_pressure:
         depth, values, moved = to_fixed_depths(values, depth, lat)
         steps.append(f"pressure levels moved by up to {moved:.2g} m to constant depths")
@@ -208,6 +205,13 @@ def _is_own(part: "Part") -> bool:
         isinstance(attrs.get(name), str) for name in ("title", "source")
     )
     return same and stated and bool(part.layout.time) and not variables[part.layout.time].dims
+
+
+def _conversion_step(temperature: str, salinity: str) -> str:
+    """Line of the history about the kinds of temperature and salinity that were converted."""
+    pairs = ("temperature", temperature, IN_SITU), ("salinity", salinity, PRACTICAL)
+    changed = [f"{what} from {own} to {ours}" for what, own, ours in pairs if own != ours]
+    return f"converted {', '.join(changed)} (TEOS-10)"
 
 
 def _with_own_attributes(ocean: xr.Dataset, part: "Part") -> xr.Dataset:

@@ -25,6 +25,7 @@ from pymantaray.ocean.seawater import (
 )
 from pymantaray.ocean.window import Window, centred, half_sides_within
 from pymantaray.quantities.checks import distinct_digits
+from pymantaray.records.digits import counted
 from pymantaray.records.result_table import ResultTable, notebook_html
 
 _MIN_SPEED = 1_400.0  # m/s; sound speed of sea water
@@ -280,11 +281,11 @@ def _islands(ocean: xr.Dataset, wet: Mask) -> Iterator[Finding]:
     beside = np.nansum(_around(wet.astype(float)), axis=0)
     lone = wet & (beside == 0)
     if lone.any():
-        value = f"{np.count_nonzero(lone)} points without a wet neighbour at their level"
+        value = f"{counted(int(lone.sum()), 'point')} without a wet neighbour at the same level"
         yield _doubt("isolated wet points", value, place_of(ocean, np.argwhere(lone)[0]))
     land = ~wet[0] & (beside[0] == 4)
     if land.any():
-        value = f"{np.count_nonzero(land)} columns"
+        value = counted(int(land.sum()), "column")
         yield _doubt("land of one point", value, place_of(ocean, (0, *np.argwhere(land)[0])))
 
 

@@ -38,15 +38,25 @@ def is_in_metres(data: xr.Dataset) -> bool:
 def file_in_metres(path: str) -> bool:
     """True if a file has water in metres."""
     if not is_netcdf(Path(path)):
-        return is_environment(path) or is_range_section(path)
+        return is_environment(path) or is_range_section(path) or _is_bellhop_input(path)
     with open_file(path) as data:
         return is_in_metres(data)
+
+
+def _is_bellhop_input(path: str) -> bool:
+    """True for the input file of Bellhop."""
+    return Path(path).suffix == ".env"
 
 
 def read_file_in_metres(path: str) -> xr.Dataset:
     """Read a file with water in metres."""
     if is_environment(path):
         return read_environment(path)
+    if _is_bellhop_input(path):
+        raise OceanError(
+            f"{Path(path).name}: an input file of Bellhop, not a profile; give the .ssp of the same"
+            " name for a section, or write its levels as a table with depth and sound_speed"
+        )
     if is_range_section(path):
         return read_range_section(path)
     with open_file(path) as data:

@@ -8,6 +8,7 @@ import xarray as xr
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.ocean.schema import place_text
 
 SIGN_REMEDY = (
     "set the attribute positive of its depths to 'down' or of its heights to 'up', or use another"
@@ -102,9 +103,12 @@ def _with_own(
     for axis in (0, 1):
         seam = np.diff(outside.astype(int), axis=axis) != 0
         steps.append(np.max(np.abs(np.diff(both, axis=axis)), initial=0.0, where=seam))
+    inside = ~outside
+    lat, lon = (axis[inside.any(axis=k)][[0, -1]] for axis, k in zip(at, (1, 0), strict=True))
     return both, (
-        f"covers {100.0 * (1.0 - outside.mean()):.3g} % of the domain; elsewhere the sea floor is"
-        f" that of the ocean, with steps of up to {np.nanmax(steps):.0f} m at the edge"
+        f"covers {100.0 * inside.mean():.3g} % of the ocean, from {place_text(lat[0], lon[0])} to"
+        f" {place_text(lat[1], lon[1])}; elsewhere the sea floor is that of the ocean, with steps"
+        f" of up to {np.nanmax(steps):.0f} m at the edge"
     )
 
 

@@ -55,6 +55,16 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records, as_
     assert figure.axes[1].get_yscale() == "log"
 
 
+def test_titles_of_the_histogram_fit_beside_a_long_name(look):
+    error = np.random.default_rng(1).normal(-114.19, 129.53, 4574)
+    figure = look.draw(range_error_histogram([("Lofoten slope 1.2 km", error)], HEADER))
+    frame = figure.bbox.padded(1.0)
+    for axes in figure.axes:
+        box = axes._left_title.get_window_extent(figure.canvas.get_renderer())
+        assert frame.containsx(box.x0)
+        assert frame.containsx(box.x1)
+
+
 def test_split_draws_each_part_against_distance(look, records, as_stored):
     e, distance = range_errors(records.ranging_truth), records.ranging_truth.distance
     heard = np.isfinite(e.bending)

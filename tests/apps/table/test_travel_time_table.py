@@ -220,6 +220,13 @@ def test_files_return_the_same_table(
     np.testing.assert_array_equal(expected.travel_time, found.travel_time)
 
 
+def test_a_table_prints_its_cells_and_limits(table: TravelTimeTable) -> None:
+    text = repr(table)
+    assert text.startswith(f"<TravelTimeTable: {table.tree.status.size:,} cells, source depth ")
+    assert f"receiver depth {table.lower[1]:g} to {table.upper[1]:g} m" in text
+    assert text.endswith(f"error below {table.tolerance:g} m>")
+
+
 def test_damaged_files_are_refused_in_one_line(table: TravelTimeTable, tmp_path: Path) -> None:
     save_table(table, tmp_path / "table.mtt")
     content = (tmp_path / "table.mtt").read_bytes()

@@ -20,6 +20,7 @@ from pymantaray.apps.table.cells import (
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.records.base import Column, Record, column
+from pymantaray.records.digits import counted
 
 # relative differences from the mean slowness at the first corner
 _GUESSES = np.array([0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024])
@@ -86,6 +87,14 @@ class TravelTimeTable:
     tolerance: float
     tree: Tree
     attrs: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Number of cells, limits and bound of the error."""
+        spans = [f"{low:g} to {high:g} m" for low, high in zip(self.lower, self.upper, strict=True)]
+        return (
+            f"<TravelTimeTable: {counted(self.tree.status.size, 'cell')}, source depth {spans[0]},"
+            f" receiver depth {spans[1]}, range {spans[2]}, error below {self.tolerance:g} m>"
+        )
 
     @property
     def sectors(self) -> int:

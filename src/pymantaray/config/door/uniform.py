@@ -62,6 +62,8 @@ def read_section_profiles(section: OceanSection) -> list[Profile]:
     if section.cast is None:
         return profiles
     named = [profile for profile in profiles if profile.name == section.cast]
+    # ODV names a cast by cruise and station; the station suffices if no other cruise has it
+    named = named or [p for p in profiles if p.name.rpartition("/")[2] == section.cast]
     if named or section.cast != NEAREST:
         if len(named) == 1:
             return named

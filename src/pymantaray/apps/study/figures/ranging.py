@@ -41,7 +41,7 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
         words = [style.short(name), _moments(received)]
         same = "the same, logarithmic count"
         if len(name) > _MAX_NAME_LETTERS:  # no room for both above one panel
-            same = f"{words.pop()}, logarithmic count"
+            same = words.pop()
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
         style.panel_title(log, style.letter(2 * i + 1), same)
     for axes in rows[:-1].flat:
