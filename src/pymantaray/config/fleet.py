@@ -83,7 +83,7 @@ class StationVehicle(_Placed):
     kind: Literal["station"]
     """A vehicle that keeps its position."""
     depth: Depth = 0.01
-    """Depth that it keeps. [m]"""
+    """Depth that it keeps; below ``mission.gnss_depth`` it has no GNSS fixes. [m]"""
 
 
 class DriftingVehicle(_Placed):
@@ -92,7 +92,7 @@ class DriftingVehicle(_Placed):
     kind: Literal["drifting"]
     """A buoy."""
     depth: Depth = 0.01
-    """Depth that it keeps. [m]"""
+    """Depth that it keeps; below ``mission.gnss_depth`` it has no GNSS fixes. [m]"""
     drogue_depth: Depth | None = None
     """Depth of the current that moves it. Default: its own depth. [m]"""
 
