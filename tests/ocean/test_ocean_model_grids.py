@@ -574,6 +574,14 @@ def test_only_the_window_is_read(tmp_path):
     np.testing.assert_allclose(a, b, atol=1e-3)
 
 
+def test_a_box_ends_beside_its_window_on_all_sides():
+    """It has two more rows and columns, also across the antimeridian."""
+    lat, lon = np.meshgrid(np.arange(60.0, 70.0), np.arange(170.0, 200.0), indexing="ij")
+    grid = CurvilinearGrid(lat, np.where(lon > 180.0, lon - 360.0, lon))
+    box = grid.box((63.0, 65.0, 179.0, -175.0), "grid")
+    assert (box.rows, box.columns) == (slice(1, 8), slice(7, 18))
+
+
 def test_a_model_has_its_times_and_becomes_a_file(tmp_path):
     for files in (roms(), nemo()):
         np.testing.assert_array_equal(
