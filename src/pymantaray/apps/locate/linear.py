@@ -1,7 +1,7 @@
 """Linear system of a survey at one set of values: residuals, derivatives and their products."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +22,14 @@ class Products(NamedTuple):
     squares: float
     log_determinant: float
     n_rows: int
+
+    def shifted(self, change: Array) -> Self:
+        """Products of the residuals after a change of columns (size,)."""
+        if not change.any():
+            return self
+        by_change = self.normal @ change
+        squares = self.squares - 2.0 * float(change @ self.right) + float(change @ by_change)
+        return self._replace(right=self.right - by_change, squares=squares)
 
 
 class Linearization:
