@@ -54,7 +54,7 @@ _CAPTIONS = {
     "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
     " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
-    "mirrors": "Second solutions of nodes whose pings lie along one line",
+    "mirrors": "Both solutions of nodes whose pings lie along one line, with their chi-square",
 }
 _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
@@ -457,6 +457,23 @@ class Location:
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
     @property
+    def both_sides(self) -> pd.DataFrame:
+        """Reported and mirrored position of each node with two solutions, with chi-square."""
+        rows = []
+        for mirror in self.mirrors:
+            reported = self.positions[self.survey.names.index(mirror.node)]
+            for solution, position, chi_square in (
+                ("reported", reported, mirror.reported_chi_square),
+                ("mirrored", (mirror.north, mirror.east, mirror.depth), mirror.chi_square),
+            ):
+                north, east, depth = map(float, position)
+                (lat,), (lon,) = self._geodetic(np.array([position]))
+                row = {"node": mirror.node, "solution": solution, "lat": lat, "lon": lon}
+                row |= {"north": north, "east": east, "depth": depth, "chi_square": chi_square}
+                rows.append(row | {"undecided": mirror.undecided})
+        return pd.DataFrame(rows).dropna(axis="columns")
+
+    @property
     def warnings(self) -> list[str]:
         """Lines that a reader must know before trusting the positions."""
         lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
@@ -472,10 +489,13 @@ class Location:
                 lines.append(f"{name}: {status}{reason}; {n_used} of {n_all} pings used.")
         for mirror in self.mirrors:
             verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
+            north, east, depth = self.positions[self.survey.names.index(mirror.node)]
             lines.append(
-                f"{mirror.node}: the pings are along a line; mirror solution at north"
-                f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
-                f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}."
+                f"{mirror.node}: the pings are along a line; two solutions: reported at north"
+                f" {north:.1f}, east {east:.1f}, depth {depth:.1f} m with chi-square"
+                f" {mirror.reported_chi_square:.1f}, and mirrored at north {mirror.north:.1f},"
+                f" east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a chi-square larger by"
+                f" {mirror.chi_square_difference:.1f}: {verdict}."
             )
         return lines + ([] if self.displacement is None else self.displacement.notes)
 
@@ -492,7 +512,7 @@ class Location:
             "tests": test_table(self.tests),
             "candidates": self.candidates,
             "unknowns": self.other_unknowns,
-            "mirrors": pd.DataFrame([vars(mirror) for mirror in self.mirrors]),
+            "mirrors": self.both_sides,
             "sound_speed": self.sound_speed,
             "pings": self.pings,
         }
