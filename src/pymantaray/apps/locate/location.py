@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -25,7 +25,7 @@ from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.models import average_of_models, candidate_table, solve
 from pymantaray.apps.locate.one_way import direct_arrivals
-from pymantaray.apps.locate.options import LocateOptions
+from pymantaray.apps.locate.options import Earth, LocateOptions
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
@@ -115,6 +115,8 @@ class Location:
         Transducers and nodes outside the water, whose rays end at its boundary.
     earth : str
         Shape of the Earth, and the reason.
+    earths : dict
+        Probability of ``flat`` and ``sphere`` if the survey does not state the shape, else empty.
     displacement : Displacement, optional
         Displacement since an earlier campaign.
     """
@@ -129,6 +131,7 @@ class Location:
     reason: NDArray[np.str_]
     notes: tuple[str, ...] = ()
     earth: str = ""
+    earths: Mapping[Earth, float] = field(default_factory=dict)
     displacement: Displacement | None = None
 
     @cached_property
@@ -474,6 +477,28 @@ class Location:
         return pd.DataFrame(rows).dropna(axis="columns")
 
     @property
+    def _estimated_lever(self) -> str:
+        """Statement of a lever arm that is estimated although it is stated."""
+        stated = self.survey.lever.offset
+        value = self.solution.unknowns.lever(self.solution.values)
+        columns = self.solution.unknowns.slices["lever"]
+        variance = np.diag(self.solution.posterior.covariance)[columns]
+        axes = [
+            f"{name} {value[axis]:+.2f} m (stated {stated[axis]:+.2f}, sigma"
+            f" {self.widening * math.sqrt(variance[axis]):.2g})"
+            for axis, name in enumerate(("forward", "starboard"))
+        ]
+        table = self.candidates[self.candidates["allowed"]]
+        free, known = (
+            table.loc[table["free_lever"] == is_free, "abic"].min() for is_free in (1, 0)
+        )
+        return (
+            f"The lever arm is estimated because the pings contradict the stated one (ABIC lower by"
+            f" {known - free:.1f}): {', '.join(axes)}. Check lever arm and headings, or state the"
+            " uncertainty with `lever_sigma`."
+        )
+
+    @property
     def warnings(self) -> list[str]:
         """Lines that a reader must know before trusting the positions."""
         lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
@@ -497,6 +522,8 @@ class Location:
                 f" east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a chi-square larger by"
                 f" {mirror.chi_square_difference:.1f}: {verdict}."
             )
+        if self.solution.unknowns.free_lever:
+            lines.append(self._estimated_lever)
         return lines + ([] if self.displacement is None else self.displacement.notes)
 
     @property
@@ -586,14 +613,17 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
     """
     # prepare
     selected = options or LocateOptions()
-    medium, earth = medium_on_earth(survey, medium, selected.earth)
-    check_survey(survey, medium)
-    direct = direct_arrivals(survey, medium)
+    water = medium_on_earth(survey, medium, selected.earth)
+    check_survey(survey, water.medium)
+    direct = direct_arrivals(survey, water.medium)
     survey = survey.assign(flagged=survey.flagged | (direct.reason != ""))
     # solve
-    solution, candidates, solver = solve(survey, medium, selected, direct.position)
+    solution, candidates, solver = solve(
+        survey, water.medium, selected, direct.position, water.on_sphere
+    )
     solution, mirrors = with_mirrors(solver, solution)
-    shift, spread = average_of_models(candidates, selected.kinds, solution)
+    average = average_of_models(candidates, selected.kinds, solution)
+    medium = solver.medium_of(solution.model)
     # judge
     of_modes = () if selected.modes is None else selected.modes.notes
     notes = (*of_modes, *medium.notes, *check_solution(solution, medium))
@@ -602,11 +632,12 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         survey,
         solution,
         candidate_table(candidates, selected.kinds, solution),
-        fit_tests(solution, spread),
-        shift,
-        spread,
+        fit_tests(solution, average.spread),
+        average.shift,
+        average.spread,
         mirrors,
         reason,
         notes,
-        earth,
+        water.decided(average.earths, average.deeper),
+        average.earths,
     )

@@ -28,7 +28,7 @@ _UNUSED = ["line", "node", "time_s", "residual_s", "reason"]
 # keys of the summary in location.json
 _STORED = (
     *("campaign", "displacement", "tests_passed", "widening", "selection", "settled", "usable"),
-    "mirrors",
+    *("earth", "earths", "mirrors"),
 )
 _SIGMAS = ("sigma_north_m", "sigma_east_m", "sigma_depth_m")
 _ELLIPSE = ("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg")
@@ -59,6 +59,7 @@ def summary(location: Location) -> dict[str, Any]:
         "mirrors": _mirrors(location),
         "rejected": unused[_UNUSED].to_dict("records"),
         "earth": location.earth,
+        "earths": dict(location.earths),
         "settled": location.solution.settled,
         "usable": location.usable,
         "unexplained": dict(zip(location.survey.names, location.unexplained, strict=True)),
