@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, Survey, locate, read_survey
+from pymantaray.apps.locate.fit_tests import HALVES
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 
@@ -256,6 +257,10 @@ def test_an_earth_that_the_pings_do_not_tell_is_in_the_sigma(truth):
     alone = locate(survey, water, replace(scale, earth=truth))
     added = found.nodes["sigma_depth_m"][0] ** 2 - alone.nodes["sigma_depth_m"][0] ** 2
     assert added == pytest.approx((0.5 * deeper) ** 2, rel=0.1)
+    # the Earth below both halves is the same
+    halves, of_one = (located.tests[-1] for located in (found, alone))
+    assert halves.name == HALVES
+    assert halves.chi_square == pytest.approx(of_one.chi_square, rel=2e-3)
 
 
 def test_a_survey_without_a_visible_curvature_is_flat():
@@ -284,7 +289,7 @@ def test_metres_without_a_latitude_have_the_earth_of_the_pings(told, survey, tmp
         for earth in ((), ("--earth", "flat"), ("--earth", "sphere"))
     )
     assert found["earth"].startswith("Earth: sphere of 6,371 km, which the pings prefer to flat")
-    assert "state `--earth flat` or `--earth sphere` if it is known" in found["earth"]
+    assert "state `earth='flat'` or `earth='sphere'` if it is known" in found["earth"]
     assert found["earths"]["sphere"] > 0.999
     assert sphere["earth"] == "Earth: sphere of 6,371 km, as requested"
     for located in (found, sphere):

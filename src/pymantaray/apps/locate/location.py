@@ -545,6 +545,8 @@ class Location:
         }
         coordinates = ("north", "east") if self.survey.frame is None else ("lat", "lon")
         brief = _BRIEF | {"nodes": ("name", *coordinates, "depth", *_BRIEF["nodes"])}
+        unsure = [name for name in ("earth", "free_lever") if name in self.candidates]
+        brief["candidates"] = (*_BRIEF["candidates"][:3], *unsure, *_BRIEF["candidates"][3:])
         return {
             name: ResultTable(
                 name,
@@ -624,6 +626,11 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
     solution, mirrors = with_mirrors(solver, solution)
     average = average_of_models(candidates, selected.kinds, solution)
     medium = solver.medium_of(solution.model)
+    of_halves = average
+    if average.earths:
+        # the Earth below both halves of a survey is the same
+        on_this_earth = [one for one in candidates if one.model.earth == solution.model.earth]
+        of_halves = average_of_models(on_this_earth, selected.kinds, solution)
     # judge
     of_modes = () if selected.modes is None else selected.modes.notes
     notes = (*of_modes, *medium.notes, *check_solution(solution, medium))
@@ -632,7 +639,7 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         survey,
         solution,
         candidate_table(candidates, selected.kinds, solution),
-        fit_tests(solution, average.spread),
+        fit_tests(solution, of_halves.spread),
         average.shift,
         average.spread,
         mirrors,

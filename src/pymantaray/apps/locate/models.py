@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -375,19 +375,30 @@ def average_of_models(
         excess += probability * (covariance + np.outer(difference, difference))
     values, vectors = np.linalg.eigh(excess)
     spread = np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-    if chosen.model.earth is None:
-        return Average(shift.reshape(-1, 3), spread, {})
-    # the shapes of the Earth
+    earths, deeper = _earths(allowed, weight, by_position)
+    return Average(shift.reshape(-1, 3), spread, earths, deeper)
+
+
+def _earths(
+    allowed: Sequence[Candidate], weight: Array, by_position: Array
+) -> tuple[dict[Earth, float], float]:
+    """
+    Probability of each possible shape of the Earth, and the depth on the last minus on the first.
+
+    ``weight`` is that of each candidate with each amplitude of its drift.
+    """
+    shapes = [one.model.earth for one in allowed for _ in one.others or (one.fit,)]
     earths: dict[Earth, float] = {}
-    ends = []
-    for earth in get_args(Earth):
-        earths[earth] = float(weight[[model.earth == earth for model, _ in fits]].sum())
+    depths = []
+    for earth in dict.fromkeys(shapes):
+        if earth is None:
+            return {}, 0.0
+        earths[earth] = float(weight[[shape == earth for shape in shapes]].sum())
         of_earth = [candidate for candidate in allowed if candidate.model.earth == earth]
         best = min(of_earth, key=lambda candidate: candidate.abic)
-        ends.append(by_position @ best.fit.change[:n_columns])
-    deeper = (ends[1] - ends[0])[2::3]
-    deepest = float(deeper[np.argmax(np.abs(deeper))])
-    return Average(shift.reshape(-1, 3), spread, earths, deepest)
+        depths.append((by_position @ best.fit.change[: by_position.shape[1]])[2::3])
+    change = depths[-1] - depths[0]
+    return earths, float(change[np.argmax(np.abs(change))])
 
 
 def _group(model: Model) -> Model:
