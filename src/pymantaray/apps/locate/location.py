@@ -597,7 +597,8 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         Survey from `read_survey` or from arrays.
     medium : Medium
         Sound speed, in the survey's frame unless it is horizontally uniform. `LocateOptions.earth`
-        defines the shape of the Earth, a sphere by default if the survey has a geographic frame.
+        defines the shape of the Earth: by default a sphere if the survey has a geographic frame,
+        else the average over a plane and a sphere.
     options : LocateOptions, optional
         Options of the solver.
 
