@@ -169,7 +169,7 @@ def _row(shape: str, noise: float, what: Truth, count: int, *, drifts: bool) -> 
         ratio = np.diag(covariance) / np.diag(right)[axes]
         ratios.append(np.sqrt(ratio.max()))
         kind = found.hyperparameters["sound_speed"]
-        kinds[f"{kind} and lever arm" if found.solution.unknowns.free_lever else kind] += 1
+        kinds[f"{kind} and lever arm" if found.solution.model.lever_doubt else kind] += 1
     inside = np.mean(np.array(squares) < chi2.ppf(0.95, len(axes)))
     models = ", ".join(f"{kind} {number}" for kind, number in kinds.most_common())
     return f"{inside:12.2f} {np.mean(ratios):6.2f} {np.median(ratios):7.2f}  {models}"

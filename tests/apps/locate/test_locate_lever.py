@@ -66,7 +66,7 @@ def test_a_lever_arm_that_the_pings_contradict_is_estimated(campaign, medium, wh
     estimate = unknowns[["lever arm forward [m]", "lever arm starboard [m]"]].to_numpy(dtype=float)
     seen = to_world(np.array([[-turn, 0.0, 0.0]]), TRUE)[0, :2]
     np.testing.assert_allclose(estimate, seen, atol=0.1)
-    assert not right.solution.unknowns.free_lever
+    assert not right.solution.model.lever_doubt
 
 
 def test_a_lever_arm_that_the_pings_confirm_stays(campaign, medium):
@@ -74,12 +74,13 @@ def test_a_lever_arm_that_the_pings_confirm_stays(campaign, medium):
     survey = stated(campaign, TRUE, 0.0)
     found = locate(survey, medium, replace(AUTO, correlation="none"))
     table = found.candidates
-    assert table["free_lever"].any()
-    assert not table.loc[table["chosen"], "free_lever"].any()
-    assert table.loc[~table["free_lever"], "abic"].min() < table["abic"][table["free_lever"]].min()
+    doubted = table["lever_doubt"] > 0.0
+    assert doubted.any()
+    assert not (table["allowed"] & doubted).any()
+    assert table.loc[~doubted, "abic"].min() < table.loc[doubted, "abic"].min()
     assert not any("lever arm" in line for line in found.warnings)
     solution, candidates, _ = solve(survey, medium, SCALE)
-    known = [one for one in candidates if not one.model.free_lever]
+    known = [one for one in candidates if one.model.lever_doubt == 0.0]
     assert len(known) < len(candidates)
     all_of_them, known_ones = (
         average_of_models(some, SCALE.kinds, solution) for some in (candidates, known)
@@ -91,7 +92,7 @@ def test_a_gradient_is_not_taken_for_a_lever_arm(medium):
     """Gradients absorb 0.5 m starboard: the positions were wrong by 9 sigma, all tests passed."""
     drifting = make_campaign(7, pings=120)
     found = locate(stated(drifting, TRUE + np.array([0.0, 0.5, 0.0]), 0.0), medium, AUTO)
-    assert found.solution.unknowns.free_lever
+    assert found.solution.model.lever_doubt
     assert nees(found, drifting.truth) < chi2.ppf(0.999, drifting.truth.size)
 
 
@@ -99,10 +100,11 @@ def test_a_drift_is_not_taken_for_a_lever_arm(medium):
     """Where only one factor is allowed, a lever arm takes a part of the drift."""
     drifting = make_campaign(3)
     found = locate(stated(drifting, TRUE, 0.0), medium, SCALE)
-    table = found.candidates.groupby(["sound_speed", "free_lever"])["abic"].min()
+    doubted = found.candidates["lever_doubt"] > 0.0
+    table = found.candidates.groupby(["sound_speed", doubted])["abic"].min()
     assert table["scale", True] < table["scale", False]
     assert table["time", False] < table["scale", True]
-    assert not found.solution.unknowns.free_lever
+    assert not found.solution.model.lever_doubt
     assert found.candidates["chosen"].sum() == 1
 
 
@@ -115,4 +117,4 @@ def test_a_steady_heading_says_nothing_of_the_lever_arm(medium):
     node = Node("A", (0.0, 390.0, 1300.0), (100.0, 10.0, 1.0))
     survey = Survey((node,), np.zeros(80, int), 10.0 * np.arange(80.0), times, place, place)
     table = locate(survey, medium, SCALE).candidates
-    assert "free_lever" not in table
+    assert "lever_doubt" not in table

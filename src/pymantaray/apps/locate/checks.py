@@ -221,7 +221,7 @@ def _check_lever(solution: SurveySolution) -> None:
     # compare the stated one with one that is estimated with the other unknowns
     sigma = 2.0 * np.abs(stated) + _MIN_LEVER
     arm = LeverArm(unknowns.survey.lever.offset, (sigma[0], sigma[1], sigma[2]))
-    known = replace(unknowns, free_lever=False)
+    known = replace(unknowns, lever_doubt=0.0)
     fit, free = (
         posterior(
             solution.products,

@@ -49,7 +49,7 @@ class Linearization:
         self.residual = unknowns.survey.travel_time - unknowns.predict_times(values, legs)
         self._by_position = unknowns.position_map(values)
         self._water_times = np.nan_to_num(unknowns.water_times(values, legs))
-        has_lever = unknowns.survey.lever.used or unknowns.free_lever
+        has_lever = unknowns.survey.lever.used or unknowns.lever_doubt > 0.0
         self._lever = lever_gradients(unknowns.survey, legs) if has_lever else None
 
     def rows(self, part: slice) -> Array:

@@ -489,9 +489,8 @@ class Location:
             for axis, name in enumerate(("forward", "starboard"))
         ]
         table = self.candidates[self.candidates["allowed"]]
-        free, known = (
-            table.loc[table["free_lever"] == is_free, "abic"].min() for is_free in (1, 0)
-        )
+        is_free = table["lever_doubt"] > 0.0
+        free, known = (table.loc[rows, "abic"].min() for rows in (is_free, ~is_free))
         return (
             f"The lever arm is estimated because the pings contradict the stated one (ABIC lower by"
             f" {known - free:.1f}): {', '.join(axes)}. Check lever arm and headings, or state the"
@@ -501,6 +500,7 @@ class Location:
     @property
     def warnings(self) -> list[str]:
         """Lines that a reader must know before trusting the positions."""
+        table = self.candidates
         lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
         if self.widening > 1.0:
             factor = show(self.widening)
@@ -522,8 +522,13 @@ class Location:
                 f" east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a chi-square larger by"
                 f" {mirror.chi_square_difference:.1f}: {verdict}."
             )
-        if self.solution.unknowns.free_lever:
+        if self.solution.model.lever_doubt > 0.0:
             lines.append(self._estimated_lever)
+        elif "lever_doubt" in table and (table["allowed"] & (table["lever_doubt"] > 0.0)).any():
+            lines.append(
+                "The pings do not exclude that the lever arm or the headings are wrong; this is in"
+                " the standard deviations. Check both, or state an uncertainty with `lever_sigma`."
+            )
         return lines + ([] if self.displacement is None else self.displacement.notes)
 
     @property
@@ -545,7 +550,7 @@ class Location:
         }
         coordinates = ("north", "east") if self.survey.frame is None else ("lat", "lon")
         brief = _BRIEF | {"nodes": ("name", *coordinates, "depth", *_BRIEF["nodes"])}
-        unsure = [name for name in ("earth", "free_lever") if name in self.candidates]
+        unsure = [name for name in ("earth", "lever_doubt") if name in self.candidates]
         brief["candidates"] = (*_BRIEF["candidates"][:3], *unsure, *_BRIEF["candidates"][3:])
         return {
             name: ResultTable(

@@ -31,6 +31,8 @@ _MEMORIES = (np.inf, 1.0, 0.25, 0.0625, 0.015625)
 # prior of the models: probability of each kind, divided among its memories and amplitudes
 _PROBABILITIES = {"known": 1.0, "scale": 0.2, "time": 0.75, "gradient": 0.05, "modes": 0.2}
 _AMPLITUDES = (1e-5, 3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
+_LEVER_DOUBTS = (0.3, 2.0)  # m; standard deviations of a wrong lever arm
+_LEVER_MARGIN = 2.0 * np.log(10.0)  # ABIC; a wrong lever arm of lower odds does not count
 _MIN_FOR_LEVER = 50  # pings
 _MIN_TURN = 0.02  # rad; on a steady heading, a lever arm is an offset of the nodes
 _MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
@@ -72,44 +74,33 @@ class _Comparison:
         self._base = base
         self._systems: dict[Model, _System] = {}
         self.candidates: dict[Model, Candidate] = {}
-        self.free_lever = False
+        self.doubts: tuple[float, ...] = (0.0,)
 
     @property
     def best(self) -> Candidate:
         """Allowed candidate with the lowest ABIC."""
         allowed = self._solver.options.kinds
-        return self._best(allowed, free_lever=self.free_lever)
-
-    def doubt_lever(self) -> bool:
-        """
-        Allow an unknown lever arm if it explains the pings better than all other models.
-
-        These contain models of the sound speed that are not allowed, so that a drift is not taken
-        for a lever arm. A lever arm that the pings do not contradict stays known: the prior of an
-        unknown one is not that of this ship.
-        """
-        allowed = self._solver.options.kinds
-        stated = self.best.model
-        # a gradient may have taken the place of the lever arm: try all kinds
-        for kind in allowed:
-            self.add([Model(kind, free_lever=True), stated.of_kind(kind, free_lever=True)])
-        # a known sound speed has a high evidence if the data cannot test it
-        others = [kind for kind in KINDS if kind != "known" or kind in allowed]
-        known = self._best(others, free_lever=False)
-        free = self._best(allowed, free_lever=True)
-        self.free_lever = free.abic < known.abic
-        return self.free_lever
-
-    def _best(self, kinds: Sequence[Kind], *, free_lever: bool) -> Candidate:
-        """Candidate of some kinds with the lowest ABIC."""
         return min(
             (
                 one
                 for one in self.candidates.values()
-                if one.model.kind in kinds and one.model.free_lever == free_lever
+                if one.model.kind in allowed and one.model.lever_doubt in self.doubts
             ),
             key=lambda candidate: candidate.abic,
         )
+
+    def doubt_lever(self) -> bool:
+        """Allow a wrong lever arm if it explains the pings better than all other models."""
+        # a gradient may have taken the place of the lever arm: try all kinds
+        stated = self.best.model
+        allowed = self._solver.options.kinds
+        for kind in allowed:
+            for doubt in _LEVER_DOUBTS:
+                self.add([Model(kind, lever_doubt=doubt), stated.of_kind(kind, doubt)])
+        if _excess_of_lever(list(self.candidates.values()), allowed) >= 0.0:
+            return False
+        self.doubts = _LEVER_DOUBTS
+        return True
 
     def add(self, models: Sequence[Model]) -> None:
         """Compare further models, on all possible shapes of the Earth."""
@@ -183,6 +174,38 @@ class _Comparison:
         return self._systems[rich]
 
 
+def _excess_of_lever(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> float:
+    """
+    ABIC of the best model with a wrong lever arm minus that of all models with the stated one.
+
+    These contain models of the sound speed that are not allowed, so that a drift is not taken for a
+    lever arm; but a known sound speed has a high evidence if the data cannot test it.
+    """
+    doubting = [
+        one.abic for one in candidates if one.model.lever_doubt > 0.0 and one.model.kind in kinds
+    ]
+    others = [
+        one.abic
+        for one in candidates
+        if one.model.lever_doubt == 0.0 and (one.model.kind != "known" or "known" in kinds)
+    ]
+    return min(doubting, default=np.inf) - min(others)
+
+
+def _counts(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> list[bool]:
+    """
+    True for each candidate that counts in the average.
+
+    Models with a wrong lever arm count if the pings nearly ask for it. Otherwise its prior would
+    widen a survey that says nothing of it, and it is not that of this ship.
+    """
+    with_lever = _excess_of_lever(candidates, kinds) < _LEVER_MARGIN
+    return [
+        one.model.kind in kinds and (one.model.lever_doubt == 0.0 or with_lever)
+        for one in candidates
+    ]
+
+
 def _noises(now: Model, name: str) -> list[Model]:
     """Models with other values of a parameter of correlated noise."""
     noise = now.correlation
@@ -206,12 +229,13 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
 def _search(comparison: _Comparison, solver: Solver, base: SurveySolution) -> None:
     """Compare all kinds of models, then other memories and noises about the best one."""
     allowed = solver.options.kinds
-    free_lever = comparison.free_lever
+    doubts = comparison.doubts
     plain_kinds = [kind for kind in KINDS if kind != "modes"]
     kinds = KINDS if "modes" in allowed else plain_kinds
-    comparison.add([Model(kind, free_lever=free_lever) for kind in kinds])
+    comparison.add([Model(kind, lever_doubt=doubt) for kind in kinds for doubt in doubts])
     if "time" in allowed:
-        comparison.add(comparison.memories(Model("time", free_lever=free_lever)))
+        for doubt in doubts:
+            comparison.add(comparison.memories(Model("time", lever_doubt=doubt)))
     # search the grid about the best, one parameter after the other
     parameters = ["sound speed"]
     if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
@@ -221,9 +245,9 @@ def _search(comparison: _Comparison, solver: Solver, base: SurveySolution) -> No
         comparison.add(comparison.memories(now) if name == "sound speed" else _noises(now, name))
     # correlated noise or a memory may make another kind the best
     best = comparison.best.model
-    simplest = Model(best.kind, earth=best.earth, free_lever=best.free_lever)
+    simplest = Model(best.kind, earth=best.earth, lever_doubt=best.lever_doubt)
     if best.kind != "modes" and best != simplest:
-        comparison.add([best.of_kind(kind, free_lever=free_lever) for kind in plain_kinds])
+        comparison.add([best.of_kind(kind, best.lever_doubt) for kind in plain_kinds])
         comparison.add(comparison.memories(comparison.best.model))
 
 
@@ -290,16 +314,16 @@ def candidate_table(
     rows = []
     unsure = {
         "earth": len({one.model.earth for one in ordered}) > 1,
-        "free_lever": len({one.model.free_lever for one in ordered}) > 1,
+        "lever_doubt": len({one.model.lever_doubt for one in ordered}) > 1,
     }
-    for candidate in ordered:
+    for candidate, counts in zip(ordered, _counts(ordered, kinds), strict=True):
         model = candidate.model
         noise = model.correlation
         smoothness = candidate.fit.hyperparameters
         rows.append(
             {
                 "chosen": model == solution.model,
-                "allowed": model.kind in kinds and model.free_lever <= solution.unknowns.free_lever,
+                "allowed": counts,
                 "sound_speed": model.kind,
                 "sound_speed_memory_s": model.memory if model.splined else np.nan,
                 "correlation_ratio": noise.ratio,
@@ -339,19 +363,15 @@ def average_of_models(
     Average the positions over the allowed models by their evidence and a prior of the models.
 
     Each model has the same probability as others of its kind, of its shape of the Earth, and with
-    white or correlated noise, as has each amplitude of the drift. Models with an unknown lever arm
-    count only if the best model is one of them. The covariance is that of the mixture about its
-    mean; the spread is its excess over the chosen model's covariance, at least 0 in all
-    directions.
+    white or correlated noise, as has each amplitude of the drift. The covariance is that of the
+    mixture about its mean; the spread is its excess over the chosen model's covariance, at least 0
+    in all directions.
     """
     unknowns = solution.unknowns
     n_columns = unknowns.slices["array"].stop
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)[:, :n_columns]
-    allowed = [
-        candidate
-        for candidate in candidates
-        if candidate.model.kind in kinds and candidate.model.free_lever <= unknowns.free_lever
-    ]
+    counts = _counts(candidates, kinds)
+    allowed = [one for one, is_counted in zip(candidates, counts, strict=True) if is_counted]
     chosen = next(candidate for candidate in allowed if candidate.model == solution.model)
     fits = [(one.model, fit) for one in allowed for fit in one.others or (one.fit,)]
     count = Counter(_group(model) for model, _ in fits)
@@ -407,5 +427,5 @@ def _group(model: Model) -> Model:
         model.kind,
         correlation=Correlation(ratio=float(not model.is_white)),
         earth=model.earth,
-        free_lever=model.free_lever,
+        lever_doubt=float(model.lever_doubt > 0.0),
     )

@@ -45,7 +45,7 @@ _MAX_SCALES = 60
 _DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
 _MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
 _CORRELATED = 3  # hyperparameters of correlated noise
-_FREE_LEVER = 4  # log of the prior odds against a wrong lever arm or heading, 55 to 1
+_WRONG_LEVER = 4  # log of the prior odds against a wrong lever arm or heading, 55 to 1
 
 
 class Model(NamedTuple):
@@ -57,12 +57,12 @@ class Model(NamedTuple):
     correlation: Correlation = Correlation()
     earth: Earth | None = None
     """Shape of the Earth, if both are possible."""
-    free_lever: bool = False
-    """True if the horizontal lever arm is unknown although it is stated."""
+    lever_doubt: float = 0.0
+    """Standard deviation of errors of a stated horizontal lever arm; 0 if it is right. [m]"""
 
-    def of_kind(self, kind: Kind, *, free_lever: bool) -> "Model":
+    def of_kind(self, kind: Kind, lever_doubt: float) -> "Model":
         """Model of another kind with the same noise, and the same memory if it varies over time."""
-        model = self._replace(kind=kind, free_lever=free_lever)
+        model = self._replace(kind=kind, lever_doubt=lever_doubt)
         return model if model.splined else model._replace(memory=np.inf)
 
     @property
@@ -84,7 +84,7 @@ class Model(NamedTuple):
     def penalty(self) -> int:
         """Penalty of the log evidence for correlated noise and for an unknown lever arm."""
         of_noise = 0 if self.is_white else _CORRELATED
-        return of_noise + _FREE_LEVER * self.free_lever
+        return of_noise + (_WRONG_LEVER if self.lever_doubt > 0.0 else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class SurveySolution:
         unknowns = self.unknowns
         speed = unknowns.speed
         return Model(
-            speed.kind, speed.memory, self.correlation, unknowns.earth, unknowns.free_lever
+            speed.kind, speed.memory, self.correlation, unknowns.earth, unknowns.lever_doubt
         )
 
     def whitened_rows(self) -> Iterator[Array]:
@@ -177,7 +177,7 @@ class Solver:
         )
         default: Arrangement = "free" if self.survey.rigid is None else "rigid"
         arrangement = options.arrangement or default
-        return SurveyUnknowns(self.survey, speed, arrangement, model.earth, model.free_lever)
+        return SurveyUnknowns(self.survey, speed, arrangement, model.earth, model.lever_doubt)
 
     def first_values(
         self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None

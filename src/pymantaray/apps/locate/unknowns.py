@@ -12,7 +12,6 @@ from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import Legs
 from pymantaray.arrays import Array
 
-_LEVER_SIGMA = 2.0  # m; forward and starboard, of a lever arm or heading that may be wrong
 _ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a rigid array
 
 
@@ -25,15 +24,16 @@ class SurveyUnknowns:
     time, clock offset and clock drift of each node, lever arm, curvature of the Earth (0 or 1),
     coefficients of the sound speed. Known values have a prior standard deviation of 0.
 
-    ``earth`` is one of two possible shapes; None if there is one only. ``free_lever`` estimates
-    the horizontal lever arm, which also contains the effect of a wrong heading.
+    ``earth`` is one of two possible shapes; None if there is one only. ``lever_doubt``
+    is the prior standard deviation of errors of the stated horizontal lever arm, which also
+    contain the effect of a wrong heading; 0 without doubt. [m]
     """
 
     survey: Survey
     speed: SoundSpeed
     arrangement: Arrangement = "free"
     earth: Earth | None = None
-    free_lever: bool = False
+    lever_doubt: float = 0.0
 
     @property
     def slices(self) -> dict[str, slice]:
@@ -93,9 +93,9 @@ class SurveyUnknowns:
                 sd[self.slices["offset"].start + k] = node.offset_sigma
                 sd[self.slices["drift"].start + k] = node.drift_sigma
         sd[self.slices["lever"]] = self.survey.lever.sigma
-        if self.free_lever:
+        if self.lever_doubt > 0.0:
             start = self.slices["lever"].start
-            sd[start : start + 2] = _LEVER_SIGMA
+            sd[start : start + 2] = self.lever_doubt
         speed = [term.sd for term in self.speed.terms]
         if self.speed.modes is not None:
             speed.append(np.sqrt(self.speed.modes.variance))
