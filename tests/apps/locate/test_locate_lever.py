@@ -88,6 +88,18 @@ def test_a_lever_arm_that_the_pings_confirm_stays(campaign, medium):
     np.testing.assert_array_equal(all_of_them.spread, known_ones.spread)
 
 
+def test_a_lever_arm_near_the_limit_is_in_the_standard_deviations(campaign, medium):
+    """An error of 0.15 m: the stated lever arm is chosen, and the other one counts."""
+    found = locate(stated(campaign, TRUE + np.array([0.15, 0.0, 0.0]), 0.0), medium, SCALE)
+    right = locate(stated(campaign, TRUE, 0.0), medium, SCALE)
+    assert found.solution.model.lever_doubt == 0.0
+    assert any("not exclude that the lever arm or the headings" in line for line in found.warnings)
+    plain = nees(replace(found, spread=0.0 * found.spread), campaign.truth)
+    assert nees(found, campaign.truth) < chi2.ppf(0.999, campaign.truth.size) < plain
+    sigma = found.nodes["sigma_east_m"] / right.nodes["sigma_east_m"]
+    assert sigma.max() > 1.5
+
+
 def test_a_gradient_is_not_taken_for_a_lever_arm(medium):
     """Gradients absorb 0.5 m starboard: the positions were wrong by 9 sigma, all tests passed."""
     drifting = make_campaign(7, pings=120)
