@@ -8,18 +8,23 @@ error of 1e-3. One node at 2,000 m answers 200 pings. Rows: class, share of surv
 position is in the 95 % region (on a line: of depth and the coordinate along it), mean standard
 deviation over the one with the true model known (of the worst axis), that of the
 median survey, and models chosen.
+
+``--earth flat`` or ``sphere`` does not state the Earth, with this truth in water of one speed.
+``--lever-error F S`` and ``--heading-error DEG`` give the ship headings and a lever arm that are
+wrong by these, on a pattern that is sailed in all directions (``laps``) as well.
 """
 
 import argparse
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import chi2
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.locate import LocateOptions, Node, Pattern, Survey, locate
+from pymantaray.apps.locate import LeverArm, LocateOptions, Node, Pattern, Survey, locate
 from pymantaray.apps.locate.linear import Linearization
 from pymantaray.apps.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.apps.locate.travel_times import predict
@@ -27,28 +32,87 @@ from pymantaray.apps.locate.unknowns import SurveyUnknowns
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from campaigns import direct_time
-from drifting import STEP, deep_water, ornstein_uhlenbeck
+from campaigns import direct_time, to_world
+from drifting import STEP, deep_water, ornstein_uhlenbeck, pattern
 
 DEPTH, RADIUS, PINGS, SPEED = 2000.0, 1500.0, 200, 2.0
 DRIFT, MEMORY, CONSTANT = 1e-4, 3600.0, 1e-3
 PRIOR = np.array([100.0, 100.0, 50.0])  # m
 
 
-def made(seed: int, shape: str, noise: float, *, drifts: bool) -> tuple[Survey, np.ndarray]:
+LEVER = np.array([6.0, -2.5, 20.0])  # m; stated, if lever arm and headings are wrong
+EARTH, ONE_SPEED = 6371e3, 1500.0
+
+
+@dataclass
+class Truth:
+    """What the file of a survey does not say, or says wrongly."""
+
+    earth: str | None = None
+    lever_error: tuple[float, float] | None = None
+    heading_error: float = 0.0  # rad
+
+    @property
+    def has_lever(self) -> bool:
+        """True if the ship has headings and a lever arm."""
+        return self.lever_error is not None or self.heading_error != 0.0
+
+    def time(self, place: np.ndarray, node: np.ndarray) -> np.ndarray:
+        """Travel time, in water of one speed if the Earth may be a sphere. [s]"""
+        if self.earth is None:
+            return direct_time(place, node)
+        first, second = EARTH - place[:, 2], EARTH - node[2]
+        across = np.hypot(*(place - node)[:, :2].T)
+        if self.earth == "sphere":
+            across = 2.0 * np.sqrt(first * second) * np.sin(0.5 * across / EARTH)
+        return np.hypot(across, first - second) / ONE_SPEED
+
+    def medium(self) -> Medium:
+        """Water of the travel times."""
+        if self.earth is None:
+            return deep_water()
+        speeds = [ONE_SPEED, ONE_SPEED]
+        return Medium.from_profile([0.0, 7000.0], speeds, bottom_depth=7000.0)
+
+
+def sailed(shape: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, places and courses of a ship on a pattern."""
+    if shape == "laps":
+        time = np.linspace(0.0, 21_600.0, PINGS)
+        points, step = (pattern(time + dt, RADIUS, SPEED) for dt in (0.0, 1.0))
+        course = step - points
+    else:
+        points = Pattern(shape, RADIUS, PINGS).points()
+        course = np.diff(points, axis=0, prepend=2.0 * points[:1] - points[1:2])
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        time = length / SPEED * np.arange(PINGS) / PINGS
+    place = np.column_stack([points, np.full(PINGS, 5.0)])
+    return time, place, np.arctan2(course[:, 1], course[:, 0])
+
+
+def made(
+    seed: int, shape: str, noise: float, truth: Truth, *, drifts: bool
+) -> tuple[Survey, np.ndarray]:
     """Survey of a ship on a pattern, and the true position of its node."""
     rng = np.random.default_rng([seed, 7])
-    points = Pattern(shape, RADIUS, PINGS).points()
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-    time = length / SPEED * np.arange(PINGS) / PINGS
-    place = np.column_stack([points, np.full(PINGS, 5.0)])
-    truth = np.array([200.0, 300.0, DEPTH]) + PRIOR * rng.normal(size=3)
+    time, place, course = sailed(shape)
+    position = np.array([200.0, 300.0, DEPTH]) + PRIOR * rng.normal(size=3)
     grid = np.arange(0.0, time[-1] + 60.0, STEP)
     series = ornstein_uhlenbeck(rng, grid.size, MEMORY)
     fraction = CONSTANT * rng.normal() + DRIFT * drifts * np.interp(time, grid, series)
-    two_way = 2.0 * direct_time(place, truth) * np.exp(-fraction) + rng.normal(0.0, noise, PINGS)
+    attitude = np.zeros((PINGS, 3))
+    lever = np.zeros(3)
+    transducer = place
+    if truth.has_lever:
+        attitude[:, 0] = course
+        lever = LEVER
+        arm = LEVER + np.append(truth.lever_error or (0.0, 0.0), 0.0)
+        transducer = place + to_world(attitude + np.array([truth.heading_error, 0.0, 0.0]), arm)
+    two_way = 2.0 * truth.time(transducer, position) * np.exp(-fraction)
+    two_way += rng.normal(0.0, noise, PINGS)
     node = Node("A", (200.0, 300.0, DEPTH), tuple(PRIOR))
-    return Survey((node,), np.zeros(PINGS, int), time, two_way, place, place), truth
+    survey = Survey((node,), np.zeros(PINGS, int), time, two_way, place, place, attitude, attitude)
+    return survey.assign(lever=LeverArm(tuple(lever))), position
 
 
 def known_covariance(
@@ -59,7 +123,7 @@ def known_covariance(
     unknowns = SurveyUnknowns(survey, speed)
     values = unknowns.prior_mean
     values[:3] = truth
-    legs = predict(survey, medium, truth[None], np.zeros(3))
+    legs = predict(survey, medium, truth[None], unknowns.lever(values))
     rows = Linearization(unknowns, values, legs, np.ones(PINGS)).rows(slice(0, PINGS))[:, :3]
     apart = np.abs(survey.time[:, None] - survey.time)
     water = CONSTANT**2 + drifts * DRIFT**2 * np.exp(-apart / MEMORY)
@@ -74,32 +138,41 @@ def main() -> None:
     parser.add_argument("--surveys", type=int, default=20)
     parser.add_argument("--shapes", nargs="+", default=["circle", "cross", "line"])
     parser.add_argument("--noises", nargs="+", type=float, default=[5e-5, 6e-4, 5e-3])
+    parser.add_argument("--earth", choices=["flat", "sphere"])
+    parser.add_argument("--lever-error", nargs=2, type=float)
+    parser.add_argument("--heading-error", type=float, default=0.0)
     chosen = parser.parse_args()
-    medium = deep_water()
-    options = LocateOptions(speed_prior=SpeedPrior(scale=CONSTANT))
+    lever_error = None if chosen.lever_error is None else tuple(chosen.lever_error)
+    what = Truth(chosen.earth, lever_error, np.radians(chosen.heading_error))
     print("pattern  noise [ms]  drift  inside 95 %  sigma  median  models")
     for shape in chosen.shapes:
-        axes = [0, 2] if shape == "line" else [0, 1, 2]  # a line has a mirror image
         for noise in chosen.noises:
             for drifts in (False, True):
-                squares, ratios, kinds = [], [], Counter()
-                for seed in range(chosen.surveys):
-                    survey, truth = made(seed, shape, noise, drifts=drifts)
-                    found = locate(survey, medium, options)
-                    error = (found.positions[0] - truth)[axes]
-                    stated = found.covariance[np.ix_(axes, axes)]
-                    squares.append(error @ np.linalg.solve(stated, error))
-                    right = known_covariance(survey, medium, noise, truth, drifts=drifts)
-                    ratio = np.diag(stated) / np.diag(right)[axes]
-                    ratios.append(np.sqrt(ratio.max()))
-                    kinds[found.hyperparameters["sound_speed"]] += 1
-                inside = np.mean(np.array(squares) < chi2.ppf(0.95, len(axes)))
-                models = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common())
-                print(
-                    f"{shape:8s} {1e3 * noise:10g} {drifts!s:>6s} {inside:12.2f}"
-                    f" {np.mean(ratios):6.2f} {np.median(ratios):7.2f}  {models}",
-                    flush=True,
-                )
+                row = _row(shape, noise, what, chosen.surveys, drifts=drifts)
+                print(f"{shape:8s} {1e3 * noise:10g} {drifts!s:>6s} {row}", flush=True)
+
+
+def _row(shape: str, noise: float, what: Truth, count: int, *, drifts: bool) -> str:
+    """Results of one class as text."""
+    axes = [0, 2] if shape == "line" else [0, 1, 2]  # a line has a mirror image
+    medium = what.medium()
+    stated = "flat" if what.earth is None else "auto"
+    options = LocateOptions(speed_prior=SpeedPrior(scale=CONSTANT), earth=stated)
+    squares, ratios, kinds = [], [], Counter()
+    for seed in range(count):
+        survey, truth = made(seed, shape, noise, what, drifts=drifts)
+        found = locate(survey, medium, options)
+        error = (found.positions[0] - truth)[axes]
+        covariance = found.covariance[np.ix_(axes, axes)]
+        squares.append(error @ np.linalg.solve(covariance, error))
+        right = known_covariance(survey, medium, noise, truth, drifts=drifts)
+        ratio = np.diag(covariance) / np.diag(right)[axes]
+        ratios.append(np.sqrt(ratio.max()))
+        kind = found.hyperparameters["sound_speed"]
+        kinds[f"{kind} and lever arm" if found.solution.model.lever_doubt else kind] += 1
+    inside = np.mean(np.array(squares) < chi2.ppf(0.95, len(axes)))
+    models = ", ".join(f"{kind} {number}" for kind, number in kinds.most_common())
+    return f"{inside:12.2f} {np.mean(ratios):6.2f} {np.median(ratios):7.2f}  {models}"
 
 
 if __name__ == "__main__":

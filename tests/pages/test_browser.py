@@ -397,7 +397,9 @@ def test_a_plan_draws_without_errors_and_by_keyboard(plan_opened, plan_file):
 def location_file(once):
     def build(folder):
         survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
-        located = locate(survey, water(), LocateOptions(speed_model="time", correlation="none"))
+        located = locate(
+            survey, water(), LocateOptions(earth="flat", speed_model="time", correlation="none")
+        )
         write_location_page(located, folder)
 
     return once("located-page", build) / "index.html"

@@ -59,7 +59,7 @@ class Line:
         profile.write_text(
             "\n".join(["depth_m,sound_speed", *(f"{z:g},{c:g}" for z, c in levels)]) + "\n"
         )
-        self.words = ["locate", pings, "--profile", profile]
+        self.words = ["locate", pings, "--profile", profile, "--earth", "flat"]
         self.with_nodes = [*self.words, "--nodes", nodes]
         self.with_depth = [*self.words, "--depth", 2500]
 
@@ -133,7 +133,14 @@ def test_a_line_beyond_the_last_direct_ray_says_so(mantaray, tmp_path, as_stored
     (tmp_path / "cast.csv").write_text(
         f"depth_m,sound_speed\n0,{speed}\n1400,{speed + 1400 * gradient}\n"
     )
-    words = ("locate", tmp_path / "pings.csv", "--profile", tmp_path / "cast.csv")
+    words = (
+        "locate",
+        tmp_path / "pings.csv",
+        "--profile",
+        tmp_path / "cast.csv",
+        "--earth",
+        "flat",
+    )
     water = ("--depth", 1000, "--depth-sigma", 10, "--bathymetry", 1400)
     done = json.loads(mantaray(*words, *water, *CLOCK, "--json").out)
     unused = {row["line"] - 2: row["reason"] for row in done["rejected"]}

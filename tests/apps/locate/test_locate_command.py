@@ -252,6 +252,7 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
     done = told(
         *("locate", tmp_path / "pings.csv", "--nodes", nodes, "--track", tmp_path / "track.csv"),
         *("--profile", profile_csv(tmp_path), "--sound-speed", "scale", "--correlation", "none"),
+        *("--earth", "flat"),
     )
     for node, truth in zip(done["nodes"], campaign.truth, strict=True):
         np.testing.assert_allclose([node["north"], node["east"], node["depth"]], truth, atol=0.02)
@@ -406,7 +407,7 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path, as_stored):
     node = Node("A", tuple(truth), (500.0, 500.0, 100.0))
     survey = Survey((node,), np.zeros(60, int), 15.0 * np.arange(60), times, place, place)
     found = locate(
-        survey, medium, LocateOptions(speed_model="scale", correlation="none")
+        survey, medium, LocateOptions(earth="flat", speed_model="scale", correlation="none")
     ).nodes.iloc[0]
     assert lost == 0
     sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
@@ -546,7 +547,9 @@ def located(short, monkeypatch):
 
     options = ReadOptions(nodes=short / "nodes.csv", lever=(6.0, -2.5, 20.0))
     survey = read_survey(short / "pings.csv", options)
-    found = locate(survey, water(), LocateOptions(speed_model="known", correlation="none"))
+    found = locate(
+        survey, water(), LocateOptions(earth="flat", speed_model="known", correlation="none")
+    )
     monkeypatch.setattr("pymantaray.apps.locate.locate", lambda *_, **__: found)
     return found
 
@@ -581,8 +584,8 @@ def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monk
         located,
         tests=[FitTest(HALVES, 6.75, 3.0, 1e-5, 2.25, passed=False)],
         mirrors=[
-            Mirror("N1", 510.0, -400.0, 1300.0, 3.2, undecided=True),
-            Mirror("N2", -505.0, 410.0, 1312.0, 31.0, undecided=False),
+            Mirror("N1", 510.0, -400.0, 1300.0, 8.2, 3.2, undecided=True),
+            Mirror("N2", -505.0, 410.0, 1312.0, 36.0, 31.0, undecided=False),
         ],
     )
     earlier = campaign_of(located)

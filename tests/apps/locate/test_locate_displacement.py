@@ -15,12 +15,19 @@ from drifting import deep_water, drifting_survey
 from refusals import refused
 from scipy.stats import chi2
 
-from pymantaray.apps.locate import Campaign, displacement_between, locate, read_campaign
+from pymantaray.apps.locate import (
+    Campaign,
+    LocateOptions,
+    displacement_between,
+    locate,
+    read_campaign,
+)
 from pymantaray.apps.locate.write import campaign_features
 from pymantaray.errors import LocateError
 from pymantaray.jobs.keys import has_checksum, with_checksum
 
 NONE = np.datetime64("NaT", "ns")
+FLAT = LocateOptions(earth="flat")  # positions of made-up surveys are in metres
 MOVED = np.array([0.35, -0.12, 0.05])  # m
 
 
@@ -263,7 +270,7 @@ def normalized_error(seed):
         truth=first.truth,
         displacement=MOVED,
     )
-    earlier, later = (locate(survey.survey, medium) for survey in (first, second))
+    earlier, later = (locate(survey.survey, medium, FLAT) for survey in (first, second))
     names = earlier.survey.names
     campaign = Campaign(names, earlier.positions, earlier.covariance, None, NONE, "earlier")
     found = later.since(campaign).displacement

@@ -21,6 +21,7 @@ from pymantaray.apps.locate.fit_tests import (
 from pymantaray.apps.locate.sound_speed import Spline
 
 EXACT = {"gnss": 0.0, "red": 0.0}
+FLAT = LocateOptions(earth="flat")  # positions of made-up surveys are in metres
 
 
 @pytest.mark.parametrize("memory", [np.inf, 1800.0])
@@ -55,7 +56,7 @@ def drifting():
 
 @pytest.fixture(scope="module")
 def located(drifting, medium):
-    return locate(drifting.survey, medium)
+    return locate(drifting.survey, medium, FLAT)
 
 
 def test_numbers_of_a_survey_in_drifting_water_stay(located, as_stored):
@@ -71,7 +72,7 @@ def centre(location):
 
 def halves_chi_square(survey, medium):
     """Chi-square of the difference between two surveys that are the halves of one."""
-    (one, first), (two, second) = (centre(locate(survey.half(k), medium)) for k in (0, 1))
+    (one, first), (two, second) = (centre(locate(survey.half(k), medium, FLAT)) for k in (0, 1))
     return (two - one) @ np.linalg.solve(first + second, two - one)
 
 
@@ -92,7 +93,7 @@ def test_the_roughness_of_the_water_is_selected(medium, water, has_memory, as_st
     made = drifting_survey(
         5, water=water, nodes=1, hours=12.0, pings=900, sigma=5e-5, rms=2e-4, **EXACT
     )
-    model = locate(made.survey, medium).hyperparameters
+    model = locate(made.survey, medium, FLAT).hyperparameters
     assert model["sound_speed"] == "time"
     assert (model["sound_speed_memory_s"] is not None) == has_memory
     as_stored(model, without="correlation_shared")
@@ -100,7 +101,11 @@ def test_the_roughness_of_the_water_is_selected(medium, water, has_memory, as_st
 
 def test_the_covariance_is_that_of_the_mixture_of_allowed_models(located, drifting, medium):
     """One allowed model adds nothing; several add a covariance that is positive semidefinite."""
-    alone = locate(drifting.survey, medium, LocateOptions(speed_model="scale", correlation="none"))
+    alone = locate(
+        drifting.survey,
+        medium,
+        LocateOptions(earth="flat", speed_model="scale", correlation="none"),
+    )
     np.testing.assert_allclose(alone.spread, 0.0, atol=1e-15)
     assert np.linalg.eigvalsh(located.spread).min() > -1e-12
     plain = located.solution.posterior.covariance[:3, :3] + located.spread
@@ -154,7 +159,7 @@ def test_a_node_that_moves_fails_the_test_of_halves(medium, as_stored):
             receive_position=survey.receive_position + moved,
         ),
         medium,
-        LocateOptions(speed_model="scale", correlation="none"),
+        LocateOptions(earth="flat", speed_model="scale", correlation="none"),
     )
     (test,) = (test for test in found.tests if test.name == HALVES)
     # with a spread of 100 m of the model, that of the difference of two halves is 2 times 100 m
@@ -194,7 +199,7 @@ def test_tests_have_one_level_together(probabilities, passed):
 
 def test_few_pings_have_no_test_of_parts(drifting, medium, as_stored):
     few = drifting.survey.rows(np.arange(0, 600, 40))
-    found = locate(few, medium, LocateOptions(speed_model="scale"))
+    found = locate(few, medium, LocateOptions(earth="flat", speed_model="scale"))
     assert HALVES not in [test.name for test in found.tests]
     as_stored(found.nodes)
 
@@ -204,16 +209,31 @@ def test_a_model_that_is_not_allowed_is_never_called_the_best(medium, as_stored)
         return np.zeros(time.size)
 
     made = drifting_survey(3, water=exact, nodes=1, pings=500, hours=4.0, sigma=1e-4, **EXACT)
-    found = locate(made.survey, medium)
+    found = locate(made.survey, medium, FLAT)
     table = found.candidates
     assert table["sound_speed"][0] == "known"
     assert not table["allowed"][0]
     assert not table["chosen"][0]
     assert table.loc[table["chosen"], "allowed"].tolist() == [True]
     assert "known is lower" in found.selection
-    requested = locate(made.survey, medium, LocateOptions(speed_model="scale"))
+    requested = locate(made.survey, medium, LocateOptions(earth="flat", speed_model="scale"))
     assert requested.selection == "as requested"
     as_stored([table, found.selection])
+
+
+def test_the_known_sound_speed_is_that_of_the_profile(medium):
+    """Its evidence beside other models is that of a solution with this profile, wrong here."""
+
+    def faster(_, time, __):
+        return np.full(time.size, 2e-3)
+
+    made = drifting_survey(3, water=faster, nodes=1, pings=500, hours=4.0, sigma=1e-4, **EXACT)
+    of_kind = locate(made.survey, medium, FLAT).candidates.set_index("sound_speed")
+    known = LocateOptions(earth="flat", speed_model="known", correlation="none")
+    alone = locate(made.survey, medium, known).candidates.set_index("sound_speed")
+    beside = of_kind[of_kind["correlation_ratio"] == 0.0].loc["known"]
+    assert beside["abic"] == pytest.approx(alone.loc["known", "abic"], abs=5.0)
+    assert beside["abic"] > of_kind.loc["scale", "abic"].min() + 100.0
 
 
 def test_the_solution_is_that_of_the_chosen_candidate(located):
@@ -229,7 +249,7 @@ def test_surveys_in_drifting_water_have_honest_covariances(medium):
     squares, halves, in_test = [], [], []
     for seed in range(12):
         made = drifting_survey(seed, pings=350)
-        found = locate(made.survey, medium)
+        found = locate(made.survey, medium, FLAT)
         position, covariance = centre(found)
         error = position - made.truth.mean(axis=0)
         squares.append(error @ np.linalg.solve(covariance, error))
@@ -245,10 +265,10 @@ def test_surveys_in_drifting_water_have_honest_covariances(medium):
 def test_constant_water_costs_less_than_a_tenth_of_sigma(medium):
     """Against the model that made the data: one factor and white noise."""
     ratios = []
-    options = LocateOptions(speed_model="scale", correlation="none")
+    options = LocateOptions(earth="flat", speed_model="scale", correlation="none")
     for seed in range(12):
         survey = drifting_survey(seed, water=constant_water, **EXACT).survey
-        auto, right = (centre(locate(survey, medium, o))[1] for o in (None, options))
+        auto, right = (centre(locate(survey, medium, o))[1] for o in (FLAT, options))
         ratios.append(np.sqrt(np.diag(auto) / np.diag(right)))
     assert np.median(ratios) < 1.02
     assert np.mean(ratios) < 1.1

@@ -3,13 +3,17 @@ Surveys on the ellipsoid, with rays in geocentric coordinates that do not use th
 files of every format: depths, positions and what is said about the Earth.
 """
 
+from dataclasses import replace
+
 import ellipsoid_rays
 import numpy as np
 import pytest
 from refusals import refused
+from scipy.stats import chi2
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.locate import LocateOptions, Node, Survey, locate, read_survey
+from pymantaray.apps.locate import LocateOptions, Node, Pattern, Survey, locate, read_survey
+from pymantaray.apps.locate.fit_tests import HALVES
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 
@@ -185,8 +189,90 @@ def test_a_flat_earth_raises_the_far_pings_by_their_sagitta(told, survey, tmp_pa
     assert done["earth"].startswith("Earth: flat, as requested; a curved sea surface is lower by")
 
 
+RADIUS_OF_EARTH, SPEED = 6371e3, 1500.0
+KNOWN = LocateOptions(speed_model="known", correlation="none")
+PRIOR = np.array([30.0, 20.0, 10.0])  # m
+
+
+def slant_range(ship, node, *, on_sphere):
+    """Straight distance of positions north, east along the surface, and depth below it."""
+    across = np.hypot(*(ship - node)[:, :2].T)
+    if on_sphere:
+        first, second = RADIUS_OF_EARTH - ship[:, 2], RADIUS_OF_EARTH - node[2]
+        chord = 4.0 * first * second * np.sin(0.5 * across / RADIUS_OF_EARTH) ** 2
+        return np.sqrt((first - second) ** 2 + chord)
+    return np.hypot(across, ship[:, 2] - node[2])
+
+
+def metres(shape="rose", *, on_sphere, radius=2500.0, sigma=1e-4, faster=0.0):
+    """Survey in metres in water of one speed, the true position of its node, and its medium."""
+    rng = np.random.default_rng(11)
+    ship = np.column_stack([Pattern(shape, radius, 90).points(), np.full(90, 5.0)])
+    truth = np.array([100.0, -60.0, 0.8 * radius])
+    time = 2.0 * slant_range(ship, truth, on_sphere=on_sphere) / SPEED / (1.0 + faster)
+    time += rng.normal(0.0, sigma, 90)
+    node = Node("N1", tuple(truth + PRIOR * rng.normal(size=3)), tuple(PRIOR))
+    survey = Survey((node,), np.zeros(90, int), 20.0 * np.arange(90.0), time, ship, ship)
+    water = Medium.from_profile([0.0, 6000.0], [SPEED, SPEED], bottom_depth=6000.0)
+    return survey, truth, water
+
+
+def nees(located, truth):
+    error = located.positions[0] - truth
+    return error @ np.linalg.solve(located.covariance, error)
+
+
+@pytest.mark.parametrize("truth", ["flat", "sphere"])
+def test_pings_in_known_water_tell_the_earth_of_metres(truth):
+    survey, position, water = metres(on_sphere=truth == "sphere")
+    found = locate(survey, water, KNOWN)
+    assert found.earths[truth] > 0.999
+    assert sum(found.earths.values()) == pytest.approx(1.0)
+    name = {"flat": "flat", "sphere": "sphere of 6,371 km"}[truth]
+    assert found.earth.startswith(f"Earth: {name}, which the pings prefer to")
+    assert nees(found, position) < chi2.ppf(0.999, 3)
+    # as if it had been stated, which is obeyed
+    right, wrong = (
+        locate(survey, water, replace(KNOWN, earth=earth))
+        for earth in (truth, "flat" if truth == "sphere" else "sphere")
+    )
+    np.testing.assert_allclose(found.positions, right.positions, atol=1e-3)
+    np.testing.assert_allclose(found.covariance, right.covariance, rtol=0.01)
+    assert right.earths == wrong.earths == {}
+    error = wrong.positions[0, 2] - position[2]
+    assert abs(error) > 10.0 * right.nodes["sigma_depth_m"][0]
+
+
+@pytest.mark.parametrize("truth", ["flat", "sphere"])
+def test_an_earth_that_the_pings_do_not_tell_is_in_the_sigma(truth):
+    """In water of unknown speed, a plane has a node that is deeper by D² / 2R, and faster water."""
+    survey, position, water = metres(on_sphere=truth == "sphere", faster=7e-4)
+    scale = replace(KNOWN, speed_model="scale")
+    found = locate(survey, water, scale)
+    assert 0.3 < found.earths["sphere"] < 0.7
+    deeper = position[2] ** 2 / (2.0 * RADIUS_OF_EARTH)
+    assert found.earth.startswith("Earth: flat or sphere, averaged (probability of the sphere 0.")
+    assert f"on the sphere, depths are {-deeper:+.2g} m" in found.earth
+    assert nees(found, position) < chi2.ppf(0.99, 3)
+    alone = locate(survey, water, replace(scale, earth=truth))
+    added = found.nodes["sigma_depth_m"][0] ** 2 - alone.nodes["sigma_depth_m"][0] ** 2
+    assert added == pytest.approx((0.5 * deeper) ** 2, rel=0.1)
+    # the Earth below both halves is the same
+    halves, of_one = (located.tests[-1] for located in (found, alone))
+    assert halves.name == HALVES
+    assert halves.chi_square == pytest.approx(of_one.chi_square, rel=2e-3)
+
+
+def test_a_survey_without_a_visible_curvature_is_flat():
+    survey, _, water = metres(on_sphere=True, radius=300.0)
+    found = locate(survey, water, replace(KNOWN, speed_model="scale"))
+    assert found.earths == {}
+    assert "earth" not in found.candidates
+    assert found.earth.startswith("Earth: flat, because positions are north and east")
+
+
 @pytest.mark.slow
-def test_metres_without_a_latitude_are_flat_unless_requested(told, survey, tmp_path):
+def test_metres_without_a_latitude_have_the_earth_of_the_pings(told, survey, tmp_path):
     """North and east along the ground, as on a map plane, with depths below the sea surface."""
     lat, lon = survey.origin
     frame = LocalFrame(lat, lon)  # of scale 1 within 1e-7
@@ -198,11 +284,16 @@ def test_metres_without_a_latitude_are_flat_unless_requested(told, survey, tmp_p
     path.write_text("\n".join(rows) + "\n")
     profile = profile_file(tmp_path)
     words = ("locate", path, "--depth", "5030", "--profile", profile, "--sound-speed", "known")
-    flat, sphere = (told(*words, *earth, without=ROUNDING) for earth in ((), ("--earth", "sphere")))
-    assert flat["earth"].startswith("Earth: flat, because positions are north and east")
-    assert "`earth='sphere'` is for depths below the sea surface" in flat["earth"]
+    found, flat, sphere = (
+        told(*words, *earth, without=ROUNDING)
+        for earth in ((), ("--earth", "flat"), ("--earth", "sphere"))
+    )
+    assert found["earth"].startswith("Earth: sphere of 6,371 km, which the pings prefer to flat")
+    assert "state `earth='flat'` or `earth='sphere'` if it is known" in found["earth"]
+    assert found["earths"]["sphere"] > 0.999
     assert sphere["earth"] == "Earth: sphere of 6,371 km, as requested"
-    assert sphere["nodes"][0]["depth"] == pytest.approx(DEPTH, abs=TOLERANCE)
+    for located in (found, sphere):
+        assert located["nodes"][0]["depth"] == pytest.approx(DEPTH, abs=TOLERANCE)
     assert abs(flat["nodes"][0]["depth"] - DEPTH) > 0.3
 
 
@@ -235,7 +326,7 @@ def test_derivatives_of_a_tangent_plane_are_those_of_the_times(survey, tmp_path)
 
     read = read_survey(garpos(survey, tmp_path)[0])
     depth, speed = read.profile
-    medium, _ = medium_on_earth(
+    medium, *_ = medium_on_earth(
         read,
         Medium.from_profile(depth, speed, bottom_depth=5600.0, interpolation="linear"),
         "auto",

@@ -47,7 +47,7 @@ def pings(tmp_path):
 def located(told, folder, name, *words):
     return told(
         *("locate", folder / name, "--nodes", folder / "nodes.csv"),
-        *("--profile", folder / "cast.csv", "--sound-speed", "scale", *words),
+        *("--earth", "flat", "--profile", folder / "cast.csv", "--sound-speed", "scale", *words),
         without="candidates|probability|chi_square|budget",
     )["nodes"][0]
 

@@ -35,11 +35,13 @@ from pymantaray.apps.locate.noise import Correlation
 from pymantaray.apps.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.apps.locate.travel_times import predict
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
+from pymantaray.apps.locate.write import summary
 from pymantaray.errors import LocateError
 from pymantaray.ocean.modes import VerticalModes
 
-TIME = LocateOptions(speed_model="time", correlation="none")
-SCALE = LocateOptions(speed_model="scale", correlation="none")
+FLAT = LocateOptions(earth="flat")  # positions of made-up surveys are in metres
+TIME = LocateOptions(earth="flat", speed_model="time", correlation="none")
+SCALE = LocateOptions(earth="flat", speed_model="scale", correlation="none")
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def located(campaign, medium):
-    return locate(survey_of(campaign, sigma=1e-4), medium)
+    return locate(survey_of(campaign, sigma=1e-4), medium, FLAT)
 
 
 def nees(location, truth):
@@ -206,22 +208,21 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
     "change",
     [
         pytest.param({"kind": "scale"}, id="sound speed that drifts"),
-        pytest.param({"lever": LeverArm((0.0, 0.0, 20.0))}, id="horizontal lever arm"),
         pytest.param({"level": True}, id="attitude"),
         pytest.param({"sigma": 3e-5}, id="noise stated too small"),
     ],
 )
 def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change, as_stored):
     survey = survey_of(campaign, sigma=change.get("sigma", 1e-4))
-    if "lever" in change:
-        survey = survey.assign(lever=change["lever"])
     if change.get("level"):
         turned = (
             survey.transmit_attitude * [1.0, 0.0, 0.0],
             survey.receive_attitude * [1.0, 0.0, 0.0],
         )
         survey = survey.assign(transmit_attitude=turned[0], receive_attitude=turned[1])
-    options = LocateOptions(speed_model=change.get("kind", "time"), correlation="none")
+    options = LocateOptions(
+        earth="flat", speed_model=change.get("kind", "time"), correlation="none"
+    )
     found = locate(survey, medium, options)
     assert not found.passed
     as_stored([found.nodes, found.tests, found.hyperparameters])
@@ -294,6 +295,16 @@ def test_a_survey_along_a_line_reports_both_solutions(campaign, medium, as_store
     ends = sorted([found.positions[0, 1], mirror.east])
     np.testing.assert_allclose(ends, [-400.0, 400.0], atol=2.0)
     np.testing.assert_allclose([mirror.north, found.positions[0, 0]], truth[0], atol=2.0)
+    sides = found.tables["mirrors"].frame.set_index("solution")
+    assert sides.loc["reported", "east"] == found.positions[0, 1]
+    assert sides.loc["mirrored", "east"] == mirror.east
+    difference = sides.loc["mirrored", "chi_square"] - sides.loc["reported", "chi_square"]
+    assert difference == pytest.approx(mirror.chi_square_difference)
+    (line,) = (line for line in found.warnings if "two solutions: reported at north" in line)
+    assert all(f"east {east:.1f}" in line for east in sides["east"])
+    (record,) = summary(found)["mirrors"]
+    assert record["east"] == mirror.east
+    assert record["reported"]["chi_square"] == mirror.reported_chi_square
     as_stored([mirror, found.nodes])
 
 
@@ -371,7 +382,9 @@ def test_one_way_times_give_clocks_and_positions(campaign, medium, as_stored):
         lever=LeverArm(),
         direction=np.full(n, TravelDirection.FROM_NODE),
     )
-    found = locate(survey, medium, LocateOptions(speed_model="known", correlation="none"))
+    found = locate(
+        survey, medium, LocateOptions(earth="flat", speed_model="known", correlation="none")
+    )
     assert nees(found, truth) < chi2.ppf(0.999, 9)
     table = found.other_unknowns.set_index("unknown")
     estimated = table.loc[[f"{name} clock offset [s]" for name in campaign.names]]
@@ -433,7 +446,7 @@ def test_correlated_noise_is_recognized(medium, as_stored):
     survey = survey_of(campaign).assign(
         travel_time=campaign.two_way + 2e-4 * root @ rng.normal(size=time.size)
     )
-    found = locate(survey, medium, LocateOptions(speed_model="scale"))
+    found = locate(survey, medium, LocateOptions(earth="flat", speed_model="scale"))
     model = found.hyperparameters
     assert model["correlation_ratio"] > 1.0
     assert model["correlation_time_s"] in (60.0, 180.0)
@@ -616,7 +629,7 @@ def test_a_later_echo_is_named_with_its_reflections(as_stored):
 def test_a_survey_without_unknowns_is_refused(medium, campaign):
     survey = survey_of(campaign)
     known = [Node(node.name, node.position, (0.0, 0.0, 0.0), 0.013) for node in survey.nodes]
-    options = LocateOptions(speed_model="known")
+    options = LocateOptions(earth="flat", speed_model="known")
     refused(
         LocateError, "there are no unknowns", locate, survey.assign(nodes=known), medium, options
     )
@@ -646,7 +659,7 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium, as_stored):
     times += np.random.default_rng(5).normal(0.0, 1e-4, 150)
     node = Node("A", (0.0, 0.0, 1300.0), (100.0, 100.0, 30.0))
     survey = Survey((node,), np.zeros(150, int), time, times, place, place)
-    options = LocateOptions(speed_model="modes", modes=modes, correlation="none")
+    options = LocateOptions(earth="flat", speed_model="modes", modes=modes, correlation="none")
     found = locate(survey, medium, options)
     assert found.hyperparameters["sound_speed"] == "modes"
     assert nees(found, truth[None]) < chi2.ppf(0.999, 3)
@@ -660,7 +673,7 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium, as_stored):
         locate,
         survey,
         medium,
-        LocateOptions(speed_model="modes"),
+        LocateOptions(earth="flat", speed_model="modes"),
     )
     as_stored([found.nodes, found.hyperparameters, found.sound_speed])
 
@@ -723,7 +736,7 @@ def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
     )
 
 
-KNOWN = LocateOptions(speed_model="known", correlation="none")
+KNOWN = LocateOptions(earth="flat", speed_model="known", correlation="none")
 
 
 def test_stated_noise_contains_errors_of_positions_on_each_leg():
@@ -850,7 +863,9 @@ def test_a_turn_around_time_of_more_than_a_minute_is_refused():
 
 
 def test_knots_that_would_fill_the_memory_are_refused(campaign, medium):
-    options = LocateOptions("time", "none", speed_prior=SpeedPrior(knot_interval=1e-300))
+    options = LocateOptions(
+        "time", "none", earth="flat", speed_prior=SpeedPrior(knot_interval=1e-300)
+    )
     refused(
         LocateError,
         "knot_interval is 1e-300 s .* or more",

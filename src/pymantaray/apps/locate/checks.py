@@ -214,29 +214,32 @@ def _check_units(survey: Survey) -> None:
 def _check_lever(solution: SurveySolution) -> None:
     """Raise an error if a known lever arm explains the residuals much better with other signs."""
     unknowns = solution.unknowns
-    fit = solution.posterior
-    lever = unknowns.lever(solution.values)
-    is_long = np.abs(lever) > _MIN_LEVER
+    stated = np.array(unknowns.survey.lever.offset)
+    is_long = np.abs(stated) > _MIN_LEVER
     if not is_long.any() or any(unknowns.survey.lever.sigma):
         return
-    # estimate it with the other unknowns
-    sigma = 2.0 * np.abs(lever) + _MIN_LEVER
+    # compare the stated one with one that is estimated with the other unknowns
+    sigma = 2.0 * np.abs(stated) + _MIN_LEVER
     arm = LeverArm(unknowns.survey.lever.offset, (sigma[0], sigma[1], sigma[2]))
-    free = posterior(
-        solution.products,
-        replace(unknowns, survey=unknowns.survey.assign(lever=arm)),
-        solution.values,
-        fit.hyperparameters,
-        sigma=fit.sigma,
-        steps=1,
+    known = replace(unknowns, lever_doubt=0.0)
+    fit, free = (
+        posterior(
+            solution.products,
+            columns,
+            solution.values,
+            solution.posterior.hyperparameters,
+            sigma=solution.posterior.sigma,
+            steps=1,
+        )
+        for columns in (known, replace(known, survey=unknowns.survey.assign(lever=arm)))
     )
-    change = free.change[unknowns.slices["lever"]]
-    is_wrong = is_long & ((lever + change) * np.sign(lever) < -0.5 * np.abs(lever))
+    estimate = unknowns.lever(solution.values + free.change)
+    is_wrong = is_long & (estimate * np.sign(stated) < -0.5 * np.abs(stated))
     ratio = np.sqrt(free.squares / max(fit.squares, 1e-300))
     if is_wrong.any() and ratio < _LEVER_GAIN and fit.squares - free.squares > _LEVER_CHI_SQUARE:
         wrong = " and ".join(name for name, is_it in zip(_AXES, is_wrong, strict=True) if is_it)
         raise LocateError(
-            f"{unknowns.survey.source}: lever arm {', '.join(f'{value:g}' for value in lever)} m"
+            f"{unknowns.survey.source}: lever arm {', '.join(f'{value:g}' for value in stated)} m"
             f" (forward, starboard, down): residuals decrease to {100.0 * ratio:.0f} % with the"
             f" other sign of {wrong}; change the sign"
         )

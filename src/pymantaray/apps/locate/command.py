@@ -437,6 +437,8 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
         out.line(f"  and {len(unused) - _MAX_LISTED} more")
     tables = location.tables
     out.table(tables["nodes"])
+    if "mirrors" in tables:
+        out.table(tables["mirrors"])
     if "budget" in tables:
         out.table(tables["budget"])
     if "candidates" in tables:

@@ -1,9 +1,12 @@
 """Shape of the Earth below a survey, and its tangent plane in water with a curved surface."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.locate.options import EarthOption
+from pymantaray.apps.locate.options import Earth, EarthOption
 from pymantaray.apps.locate.survey import Survey
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
@@ -13,10 +16,50 @@ from pymantaray.geometry.tangent_plane import TangentPlane
 _MEAN_RADIUS = 6371e3  # m; the radius of curvature of WGS 84 differs by up to 0.6 %
 _FLAT_LIMIT = 0.02  # m of depth
 _LEAST_DISTANCE = 1.0  # m; horizontal distance with a direction
+_PREFERRED = 0.95  # probability of the shape that the pings prefer
+_METRES = "positions are north and east, without latitude and longitude"
 
 
-def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple[Medium, str]:
-    """Medium on the Earth of a survey, and a sentence about it."""
+class WaterOnEarth(NamedTuple):
+    """Medium on the Earth of a survey."""
+
+    medium: Medium
+    sentence: str
+    on_sphere: Medium | None = None
+    """The medium on a sphere, if the survey does not say whether it is flat."""
+
+    def decided(self, earths: Mapping[Earth, float], deeper: float) -> str:
+        """
+        Sentence about the Earth after the solution.
+
+        ``earths`` has the probability of each possible shape, and ``deeper`` [m] is the depth on a
+        sphere minus that on a plane.
+        """
+        if self.on_sphere is None:
+            return self.sentence
+        best = max(earths, key=lambda earth: earths[earth])
+        names = {"flat": "flat", "sphere": f"sphere of {1e-3 * _MEAN_RADIUS:,.0f} km"}
+        other = "sphere" if best == "flat" else "flat"
+        difference = f"on the sphere, depths are {deeper:+.2g} m"
+        advice = f"{difference}; state `earth='flat'` or `earth='sphere'` if it is known"
+        if earths[best] < _PREFERRED:
+            return (
+                f"Earth: flat or sphere, averaged (probability of the sphere"
+                f" {earths['sphere']:.2f}), because {_METRES}; {advice}"
+            )
+        return (
+            f"Earth: {names[best]}, which the pings prefer to {names[other]} (probability"
+            f" {_percent(earths[best])}); {_METRES}; {advice}"
+        )
+
+
+def _percent(probability: float) -> str:
+    """Probability without the impression of certainty."""
+    return "above 0.999" if probability > 0.999 else f"{probability:.3f}"
+
+
+def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> WaterOnEarth:
+    """Medium on the Earth of a survey; both shapes if the survey does not say which."""
     # depth of the curved sea surface below the tangent plane, at the farthest ping
     node = np.array([node.position for node in survey.nodes])
     partner = node[np.maximum(survey.partner, 0)]
@@ -29,18 +72,16 @@ def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple
     is_plane = survey.depth_reference == "plane"
     if earth == "flat":
         reason = f"as requested; a curved sea surface is lower by {distance}"
-        return medium.with_earth(None), f"Earth: flat, {reason}"
+        return WaterOnEarth(medium.with_earth(None), f"Earth: flat, {reason}")
     if frame is None and is_plane:
         raise LocateError(
             f"{survey.source}: depths below a tangent plane need the latitude and longitude of"
             " its origin; state its frame"
         )
     if frame is None and earth == "auto" and medium.earth is None:
-        advice = ""
-        if drop > _FLAT_LIMIT:
-            advice = f"; `earth='sphere'` is for depths below the sea surface, lower by {distance}"
-        reason = f"because positions are north and east, without latitude and longitude{advice}"
-        return medium, f"Earth: flat, {reason}"
+        on_sphere = medium.with_earth(EarthSphere(_MEAN_RADIUS)) if drop > _FLAT_LIMIT else None
+        reason = f"because {_METRES}; a curved sea surface is lower by {distance}"
+        return WaterOnEarth(medium, f"Earth: flat, {reason}", on_sphere)
     if frame is None:
         sphere = medium.earth or EarthSphere(_MEAN_RADIUS)
         reason = "as requested" if earth == "sphere" else "that of the water"
@@ -56,7 +97,7 @@ def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple
             f" surface is lower by {distance}"
         )
     name = f"sphere of {1e-3 * sphere.radius:,.0f} km"
-    return medium.with_earth(sphere), f"Earth: {name}, {reason}"
+    return WaterOnEarth(medium.with_earth(sphere), f"Earth: {name}, {reason}")
 
 
 def in_water(survey: Survey, medium: Medium, position: Array) -> Array:

@@ -66,8 +66,8 @@ def posterior(
     Posterior at values, with the noise level [s] and the hyperparameters of maximum evidence.
 
     The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there
-    are too few pings. The columns ``without`` are fixed. With ``steps=1``, hyperparameters do not
-    change.
+    are too few pings. The columns ``without`` are known. With ``steps=1``, hyperparameters do not
+    change. Known columns change to their prior means.
     """
     prior_sd = unknowns.prior_sd
     if without is not None:
@@ -81,7 +81,10 @@ def posterior(
     hyper = dict.fromkeys(unknowns.groups, 1.0) | {
         name: float(start.get(name, 1e-4)) for name in groups
     }
-    mean = (unknowns.prior_mean - values)[active]
+    offset = unknowns.prior_mean - values
+    mean = offset[active]
+    known_change = np.where(prior_sd > 0.0, 0.0, offset)
+    products = products.shifted(known_change)
     row_of = {column: i for i, column in enumerate(active.tolist())}
     members = {
         name: np.array([row_of[column] for column in columns.tolist()])
@@ -116,7 +119,7 @@ def posterior(
             sd = unknowns.scaled_sd(hyper)[active]
             solution = _solve(normal, right, products, mean, sd, sigma)
             break
-    change = np.zeros(unknowns.size)
+    change = known_change
     covariance = np.zeros((unknowns.size, unknowns.size))
     change[active] = solution.change
     covariance[np.ix_(active, active)] = solution.covariance

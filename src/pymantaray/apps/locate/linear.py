@@ -1,7 +1,7 @@
 """Linear system of a survey at one set of values: residuals, derivatives and their products."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -23,6 +23,14 @@ class Products(NamedTuple):
     log_determinant: float
     n_rows: int
 
+    def shifted(self, change: Array) -> Self:
+        """Products of the residuals after a change of columns (size,)."""
+        if not change.any():
+            return self
+        by_change = self.normal @ change
+        squares = self.squares - 2.0 * float(change @ self.right) + float(change @ by_change)
+        return self._replace(right=self.right - by_change, squares=squares)
+
 
 class Linearization:
     """
@@ -40,7 +48,9 @@ class Linearization:
         self._slowing = unknowns.slowing(values)
         self.residual = unknowns.survey.travel_time - unknowns.predict_times(values, legs)
         self._by_position = unknowns.position_map(values)
-        self._lever = lever_gradients(unknowns.survey, legs) if unknowns.survey.lever.used else None
+        self._water_times = np.nan_to_num(unknowns.water_times(values, legs))
+        has_lever = unknowns.survey.lever.used or unknowns.lever_doubt > 0.0
+        self._lever = lever_gradients(unknowns.survey, legs) if has_lever else None
 
     def rows(self, part: slice) -> Array:
         """Derivatives (m, size) of the predicted times of some pings."""
@@ -70,7 +80,10 @@ class Linearization:
             derivative[lines, columns["drift"].start + which[part]] += sign[part] * time_since_start
         if self._lever is not None:
             derivative[:, columns["lever"]] = self._lever[part] * slowing[:, None]
-        water = np.nan_to_num(legs.travel_time[part]) * slowing
+        if legs.curvature is not None:
+            by_curvature = np.nan_to_num(legs.curvature[part]) * slowing
+            derivative[:, columns["curvature"]] = by_curvature[:, None]
+        water = self._water_times[part] * slowing
         speed = slice(columns["speed"].start, columns["speed"].stop - legs.modes.shape[1])
         derivative[:, speed] = -water[:, None] * unknowns.speed.rows(part)
         derivative[:, speed.stop : columns["speed"].stop] = legs.modes[part]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -25,7 +25,7 @@ from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.models import average_of_models, candidate_table, solve
 from pymantaray.apps.locate.one_way import direct_arrivals
-from pymantaray.apps.locate.options import LocateOptions
+from pymantaray.apps.locate.options import Earth, LocateOptions
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
@@ -54,7 +54,7 @@ _CAPTIONS = {
     "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
     " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
-    "mirrors": "Second solutions of nodes whose pings lie along one line",
+    "mirrors": "Both solutions of nodes whose pings lie along one line, with their chi-square",
 }
 _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
@@ -115,6 +115,8 @@ class Location:
         Transducers and nodes outside the water, whose rays end at its boundary.
     earth : str
         Shape of the Earth, and the reason.
+    earths : dict
+        Probability of ``flat`` and ``sphere`` if the survey does not state the shape, else empty.
     displacement : Displacement, optional
         Displacement since an earlier campaign.
     """
@@ -129,6 +131,7 @@ class Location:
     reason: NDArray[np.str_]
     notes: tuple[str, ...] = ()
     earth: str = ""
+    earths: Mapping[Earth, float] = field(default_factory=dict)
     displacement: Displacement | None = None
 
     @cached_property
@@ -457,8 +460,47 @@ class Location:
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
     @property
+    def both_sides(self) -> pd.DataFrame:
+        """Reported and mirrored position of each node with two solutions, with chi-square."""
+        rows = []
+        for mirror in self.mirrors:
+            reported = self.positions[self.survey.names.index(mirror.node)]
+            for solution, position, chi_square in (
+                ("reported", reported, mirror.reported_chi_square),
+                ("mirrored", (mirror.north, mirror.east, mirror.depth), mirror.chi_square),
+            ):
+                north, east, depth = map(float, position)
+                (lat,), (lon,) = self._geodetic(np.array([position]))
+                row = {"node": mirror.node, "solution": solution, "lat": lat, "lon": lon}
+                row |= {"north": north, "east": east, "depth": depth, "chi_square": chi_square}
+                rows.append(row | {"undecided": mirror.undecided})
+        return pd.DataFrame(rows).dropna(axis="columns")
+
+    @property
+    def _estimated_lever(self) -> str:
+        """Statement of a lever arm that is estimated although it is stated."""
+        stated = self.survey.lever.offset
+        value = self.solution.unknowns.lever(self.solution.values)
+        columns = self.solution.unknowns.slices["lever"]
+        variance = np.diag(self.solution.posterior.covariance)[columns]
+        axes = [
+            f"{name} {value[axis]:+.2f} m (stated {stated[axis]:+.2f}, sigma"
+            f" {self.widening * math.sqrt(variance[axis]):.2g})"
+            for axis, name in enumerate(("forward", "starboard"))
+        ]
+        table = self.candidates[self.candidates["allowed"]]
+        is_free = table["lever_doubt"] > 0.0
+        free, known = (table.loc[rows, "abic"].min() for rows in (is_free, ~is_free))
+        return (
+            f"The lever arm is estimated because the pings contradict the stated one (ABIC lower by"
+            f" {known - free:.1f}): {', '.join(axes)}. Check lever arm and headings, or state the"
+            " uncertainty with `lever_sigma`."
+        )
+
+    @property
     def warnings(self) -> list[str]:
         """Lines that a reader must know before trusting the positions."""
+        table = self.candidates
         lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
         if self.widening > 1.0:
             factor = show(self.widening)
@@ -472,10 +514,20 @@ class Location:
                 lines.append(f"{name}: {status}{reason}; {n_used} of {n_all} pings used.")
         for mirror in self.mirrors:
             verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
+            north, east, depth = self.positions[self.survey.names.index(mirror.node)]
             lines.append(
-                f"{mirror.node}: the pings are along a line; mirror solution at north"
-                f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
-                f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}."
+                f"{mirror.node}: the pings are along a line; two solutions: reported at north"
+                f" {north:.1f}, east {east:.1f}, depth {depth:.1f} m with chi-square"
+                f" {mirror.reported_chi_square:.1f}, and mirrored at north {mirror.north:.1f},"
+                f" east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a chi-square larger by"
+                f" {mirror.chi_square_difference:.1f}: {verdict}."
+            )
+        if self.solution.model.lever_doubt > 0.0:
+            lines.append(self._estimated_lever)
+        elif "lever_doubt" in table and (table["allowed"] & (table["lever_doubt"] > 0.0)).any():
+            lines.append(
+                "The pings do not exclude that the lever arm or the headings are wrong; this is in"
+                " the standard deviations. Check both, or state an uncertainty with `lever_sigma`."
             )
         return lines + ([] if self.displacement is None else self.displacement.notes)
 
@@ -492,12 +544,14 @@ class Location:
             "tests": test_table(self.tests),
             "candidates": self.candidates,
             "unknowns": self.other_unknowns,
-            "mirrors": pd.DataFrame([vars(mirror) for mirror in self.mirrors]),
+            "mirrors": self.both_sides,
             "sound_speed": self.sound_speed,
             "pings": self.pings,
         }
         coordinates = ("north", "east") if self.survey.frame is None else ("lat", "lon")
         brief = _BRIEF | {"nodes": ("name", *coordinates, "depth", *_BRIEF["nodes"])}
+        unsure = [name for name in ("earth", "lever_doubt") if name in self.candidates]
+        brief["candidates"] = (*_BRIEF["candidates"][:3], *unsure, *_BRIEF["candidates"][3:])
         return {
             name: ResultTable(
                 name,
@@ -548,7 +602,8 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         Survey from `read_survey` or from arrays.
     medium : Medium
         Sound speed, in the survey's frame unless it is horizontally uniform. `LocateOptions.earth`
-        defines the shape of the Earth, a sphere by default if the survey has a geographic frame.
+        defines the shape of the Earth: by default a sphere if the survey has a geographic frame,
+        else the average over a plane and a sphere.
     options : LocateOptions, optional
         Options of the solver.
 
@@ -566,14 +621,22 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
     """
     # prepare
     selected = options or LocateOptions()
-    medium, earth = medium_on_earth(survey, medium, selected.earth)
-    check_survey(survey, medium)
-    direct = direct_arrivals(survey, medium)
+    water = medium_on_earth(survey, medium, selected.earth)
+    check_survey(survey, water.medium)
+    direct = direct_arrivals(survey, water.medium)
     survey = survey.assign(flagged=survey.flagged | (direct.reason != ""))
     # solve
-    solution, candidates, solver = solve(survey, medium, selected, direct.position)
+    solution, candidates, solver = solve(
+        survey, water.medium, selected, direct.position, water.on_sphere
+    )
     solution, mirrors = with_mirrors(solver, solution)
-    shift, spread = average_of_models(candidates, selected.kinds, solution)
+    average = average_of_models(candidates, selected.kinds, solution)
+    medium = solver.medium_of(solution.model)
+    of_halves = average
+    if average.earths:
+        # the Earth below both halves of a survey is the same
+        on_this_earth = [one for one in candidates if one.model.earth == solution.model.earth]
+        of_halves = average_of_models(on_this_earth, selected.kinds, solution)
     # judge
     of_modes = () if selected.modes is None else selected.modes.notes
     notes = (*of_modes, *medium.notes, *check_solution(solution, medium))
@@ -582,11 +645,12 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
         survey,
         solution,
         candidate_table(candidates, selected.kinds, solution),
-        fit_tests(solution, spread),
-        shift,
-        spread,
+        fit_tests(solution, of_halves.spread),
+        average.shift,
+        average.spread,
         mirrors,
         reason,
         notes,
-        earth,
+        water.decided(average.earths, average.deeper),
+        average.earths,
     )

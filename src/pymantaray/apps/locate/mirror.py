@@ -15,7 +15,7 @@ _SAME = 1e-3  # chi-square; smaller differences do not choose between two soluti
 @dataclass(frozen=True)
 class Mirror:
     """
-    Mirrored position of a node, and the excess of its chi-square.
+    Mirrored position of a node, its chi-square, and the excess over that of the reported one.
 
     It is `undecided` if the data do not exclude it.
     """
@@ -24,8 +24,14 @@ class Mirror:
     north: float
     east: float
     depth: float
+    chi_square: float
     chi_square_difference: float
     undecided: bool
+
+    @property
+    def reported_chi_square(self) -> float:
+        """Chi-square of the reported solution."""
+        return self.chi_square - self.chi_square_difference
 
 
 def with_mirrors(solver: Solver, solution: SurveySolution) -> tuple[SurveySolution, list[Mirror]]:
@@ -81,9 +87,10 @@ def _mirror_solutions(
         north, east, depth = map(float, other.positions[k])
         if np.hypot(*(other.positions - solution.positions)[k, :2]) < abs(offset):
             continue  # it converged to the first solution
-        difference = _cost(other, solution) - _cost(solution, solution)
+        cost = _cost(other, solution)
+        difference = cost - _cost(solution, solution)
         undecided = difference < _MIN_DIFFERENCE
-        out.append((other, Mirror(name, north, east, depth, difference, undecided)))
+        out.append((other, Mirror(name, north, east, depth, cost, difference, undecided)))
     return out
 
 

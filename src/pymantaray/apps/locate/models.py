@@ -13,7 +13,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.evidence import Posterior, posterior
 from pymantaray.apps.locate.linear import Linearization, Products
 from pymantaray.apps.locate.noise import Correlation
-from pymantaray.apps.locate.options import KINDS, Kind, LocateOptions
+from pymantaray.apps.locate.options import KINDS, Earth, Kind, LocateOptions
 from pymantaray.apps.locate.solve import Model, Solver, SurveySolution
 from pymantaray.apps.locate.survey import Survey
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
@@ -32,6 +32,10 @@ _MEMORIES = (np.inf, 1.0, 0.25, 0.0625, 0.015625)
 # the sum differs with the kinds that are allowed, so the weights of the average are normalized
 _PROBABILITIES = {"known": 1.0, "scale": 0.2, "time": 0.75, "gradient": 0.05, "modes": 0.2}
 _AMPLITUDES = (1e-5, 3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
+_LEVER_DOUBTS = (0.3, 2.0)  # m; standard deviations of a wrong lever arm
+_LEVER_MARGIN = 2.0 * np.log(10.0)  # ABIC; a wrong lever arm of lower odds does not count
+_MIN_FOR_LEVER = 50  # pings
+_MIN_TURN = 0.02  # rad; on a steady heading, a lever arm is an offset of the nodes
 _MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
 
 
@@ -69,19 +73,40 @@ class _Comparison:
     def __init__(self, solver: Solver, base: SurveySolution) -> None:
         self._solver = solver
         self._base = base
-        self._systems: dict[tuple[Kind, float], _System] = {}
+        self._systems: dict[Model, _System] = {}
         self.candidates: dict[Model, Candidate] = {}
+        self.doubts: tuple[float, ...] = (0.0,)
 
     @property
     def best(self) -> Candidate:
         """Allowed candidate with the lowest ABIC."""
         allowed = self._solver.options.kinds
-        choice = [one for one in self.candidates.values() if one.model.kind in allowed]
-        return min(choice, key=lambda candidate: candidate.abic)
+        return min(
+            (
+                one
+                for one in self.candidates.values()
+                if one.model.kind in allowed and one.model.lever_doubt in self.doubts
+            ),
+            key=lambda candidate: candidate.abic,
+        )
+
+    def doubt_lever(self) -> bool:
+        """Allow a wrong lever arm if it explains the pings better than all other models."""
+        # a gradient may have taken the place of the lever arm: try all kinds
+        stated = self.best.model
+        allowed = self._solver.options.kinds
+        for kind in allowed:
+            for doubt in _LEVER_DOUBTS:
+                self.add([Model(kind, lever_doubt=doubt), stated.of_kind(kind, doubt)])
+        if _excess_of_lever(list(self.candidates.values()), allowed) >= 0.0:
+            return False
+        self.doubts = _LEVER_DOUBTS
+        return True
 
     def add(self, models: Sequence[Model]) -> None:
-        """Compare further models."""
-        for model in models:
+        """Compare further models, on all possible shapes of the Earth."""
+        earths = self._solver.earths
+        for model in [model._replace(earth=earth) for model in models for earth in earths]:
             if model not in self.candidates:
                 fit = self._fit(model)
                 sizes = _AMPLITUDES if model.splined else ()
@@ -102,7 +127,10 @@ class _Comparison:
         """Posterior and evidence of a model; of a selected one with an amplitude of its drift."""
         # simpler models use a part of the columns of a richer one
         rich: Kind = model.kind if model.kind in ("gradient", "modes") else "time"
-        unknowns, values, linear, known = self._system(rich, model.memory)
+        unknowns, values, linear, known = self._system(
+            model._replace(kind=rich, correlation=Correlation(), earth=self._solver.earths[0])
+        )
+        unknowns = replace(unknowns, earth=model.earth)
         without = np.empty(0, dtype=np.int64)
         if model.kind != rich:
             speed = unknowns.slices["speed"]
@@ -131,20 +159,52 @@ class _Comparison:
             steps=1,
         )
 
-    def _system(self, rich: Kind, memory: float) -> _System:
+    def _system(self, rich: Model) -> _System:
         """Linear system of a kind of model, made once."""
-        if (rich, memory) not in self._systems:
+        if rich not in self._systems:
             base = self._base
             solver = self._solver
-            unknowns = solver.unknowns(rich, base.positions, memory)
+            unknowns = solver.unknowns(rich, base.positions)
             values = solver.first_values(unknowns, base.positions, base)
             legs = base.legs
             if unknowns.speed.modes is not None:
                 lever = base.unknowns.lever(base.values)
                 legs = solver.legs(base.positions, lever, unknowns.speed.modes)
             linear = Linearization(unknowns, values, legs, solver.weight)
-            self._systems[rich, memory] = _System(unknowns, values, linear, {})
-        return self._systems[rich, memory]
+            self._systems[rich] = _System(unknowns, values, linear, {})
+        return self._systems[rich]
+
+
+def _excess_of_lever(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> float:
+    """
+    ABIC of the best model with a wrong lever arm minus that of all models with the stated one.
+
+    These contain models of the sound speed that are not allowed, so that a drift is not taken for a
+    lever arm; but a known sound speed has a high evidence if the data cannot test it.
+    """
+    doubting = [
+        one.abic for one in candidates if one.model.lever_doubt > 0.0 and one.model.kind in kinds
+    ]
+    others = [
+        one.abic
+        for one in candidates
+        if one.model.lever_doubt == 0.0 and (one.model.kind != "known" or "known" in kinds)
+    ]
+    return min(doubting, default=np.inf) - min(others)
+
+
+def _counts(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> list[bool]:
+    """
+    True for each candidate that counts in the average.
+
+    Models with a wrong lever arm count if the pings nearly ask for it. Otherwise its prior would
+    widen a survey that says nothing of it, and it is not that of this ship.
+    """
+    with_lever = _excess_of_lever(candidates, kinds) < _LEVER_MARGIN
+    return [
+        one.model.kind in kinds and (one.model.lever_doubt == 0.0 or with_lever)
+        for one in candidates
+    ]
 
 
 def _noises(now: Model, name: str) -> list[Model]:
@@ -160,12 +220,23 @@ def _noises(now: Model, name: str) -> list[Model]:
 
 def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
     """Allowed candidate with the lowest ABIC, and all compared candidates."""
-    allowed = solver.options.kinds
     comparison = _Comparison(solver, base)
+    _search(comparison, solver, base)
+    if _may_have_wrong_lever(base) and comparison.doubt_lever():
+        _search(comparison, solver, base)
+    return comparison.best, list(comparison.candidates.values())
+
+
+def _search(comparison: _Comparison, solver: Solver, base: SurveySolution) -> None:
+    """Compare all kinds of models, then other memories and noises about the best one."""
+    allowed = solver.options.kinds
+    doubts = comparison.doubts
     plain_kinds = [kind for kind in KINDS if kind != "modes"]
-    comparison.add([Model(kind) for kind in (KINDS if "modes" in allowed else plain_kinds)])
+    kinds = KINDS if "modes" in allowed else plain_kinds
+    comparison.add([Model(kind, lever_doubt=doubt) for kind in kinds for doubt in doubts])
     if "time" in allowed:
-        comparison.add(comparison.memories(Model("time")))
+        for doubt in doubts:
+            comparison.add(comparison.memories(Model("time", lever_doubt=doubt)))
     # search the grid about the best, one parameter after the other
     parameters = ["sound speed"]
     if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
@@ -175,12 +246,19 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
         comparison.add(comparison.memories(now) if name == "sound speed" else _noises(now, name))
     # correlated noise or a memory may make another kind the best
     best = comparison.best.model
-    if best.kind != "modes" and best != Model(best.kind):
-        for kind in plain_kinds:
-            memory = best.memory if kind in ("time", "gradient") else np.inf
-            comparison.add([best._replace(kind=kind, memory=memory)])
+    simplest = Model(best.kind, earth=best.earth, lever_doubt=best.lever_doubt)
+    if best.kind != "modes" and best != simplest:
+        comparison.add([best.of_kind(kind, best.lever_doubt) for kind in plain_kinds])
         comparison.add(comparison.memories(comparison.best.model))
-    return comparison.best, list(comparison.candidates.values())
+
+
+def _may_have_wrong_lever(base: SurveySolution) -> bool:
+    """True if pings on several headings can test a horizontal lever arm that is known."""
+    survey = base.unknowns.survey
+    pings = base.used & ~survey.between_nodes
+    heading = survey.transmit_attitude[pings, 0]
+    is_known = not any(survey.lever.sigma[:2])
+    return is_known and heading.size >= _MIN_FOR_LEVER and bool(np.ptp(heading) > _MIN_TURN)
 
 
 # matrices are small: threads would wait for each other
@@ -190,18 +268,20 @@ def solve(
     medium: Medium,
     options: LocateOptions,
     start: Mapping[int, Array] | None = None,
+    on_sphere: Medium | None = None,
 ) -> tuple[SurveySolution, list[Candidate], Solver]:
     """
     Solve a survey sorted by time; return the solution, the candidate models and the solver.
 
-    ``start`` has positions by node that replace the priors as initial values.
+    ``start`` has positions by node that replace the priors as initial values. ``on_sphere`` is the
+    same water on a sphere, if the shape of the Earth is unknown.
     """
-    solver = Solver(survey, medium, options)
+    solver = Solver(survey, medium, options, on_sphere)
     position = np.array([node.position for node in survey.nodes])
     for node, node_position in (start or {}).items():
         position[node] = node_position
     simple: Kind = "known" if options.speed_model == "known" else "scale"
-    unknowns = solver.unknowns(simple, position)
+    unknowns = solver.unknowns(Model(simple, earth=solver.earths[0]), position)
     values = solver.start(unknowns, solver.first_values(unknowns, position))
     base = solver.settle(unknowns, values, Correlation())
     selected, candidates = choose(solver, base)
@@ -222,7 +302,7 @@ def solve(
 def _settle(solver: Solver, base: SurveySolution, selected: Candidate) -> SurveySolution:
     """Solution with the model of a candidate, from that with another model."""
     model = selected.model
-    unknowns = solver.unknowns(model.kind, base.positions, model.memory)
+    unknowns = solver.unknowns(model, base.positions)
     values = solver.first_values(unknowns, base.positions, base)
     return solver.settle(unknowns, values, model.correlation, selected.fit)
 
@@ -233,14 +313,18 @@ def candidate_table(
     """Table of candidates in order of ABIC, with use and the difference from the best."""
     ordered = sorted(candidates, key=lambda candidate: candidate.abic)
     rows = []
-    for candidate in ordered:
+    unsure = {
+        "earth": len({one.model.earth for one in ordered}) > 1,
+        "lever_doubt": len({one.model.lever_doubt for one in ordered}) > 1,
+    }
+    for candidate, counts in zip(ordered, _counts(ordered, kinds), strict=True):
         model = candidate.model
         noise = model.correlation
         smoothness = candidate.fit.hyperparameters
         rows.append(
             {
                 "chosen": model == solution.model,
-                "allowed": model.kind in kinds,
+                "allowed": counts,
                 "sound_speed": model.kind,
                 "sound_speed_memory_s": model.memory if model.splined else np.nan,
                 "correlation_ratio": noise.ratio,
@@ -255,6 +339,7 @@ def candidate_table(
                 "platform_gradient_smoothness": smoothness.get("platform gradient", np.nan),
                 "node_gradient_smoothness": smoothness.get("node gradient", np.nan),
             }
+            | {name: getattr(model, name) for name, is_unsure in unsure.items() if is_unsure}
         )
     return pd.DataFrame(rows)
 
@@ -266,6 +351,10 @@ class Average(NamedTuple):
     """Mean minus the positions of the chosen model (n_nodes, 3). [m]"""
     spread: Array
     """Covariance that the choice of the model adds (3 n_nodes, 3 n_nodes). [m²]"""
+    earths: Mapping[Earth, float]
+    """Probability of each possible shape of the Earth; empty if it is known."""
+    deeper: float = 0.0
+    """Largest change of a depth between the best models on a plane and on a sphere. [m]"""
 
 
 def average_of_models(
@@ -274,22 +363,24 @@ def average_of_models(
     """
     Average the positions over the allowed models by their evidence and a prior of the models.
 
-    Each model has the same probability as others of its kind and with white or correlated noise,
-    as has each amplitude of the drift. The covariance is that of the mixture about its mean; the
-    spread is its excess over the chosen model's covariance, at least 0 in all directions.
+    Each model has the same probability as others of its kind, of its shape of the Earth, and with
+    white or correlated noise, as has each amplitude of the drift. The covariance is that of the
+    mixture about its mean; the spread is its excess over the chosen model's covariance, at least 0
+    in all directions.
     """
     unknowns = solution.unknowns
     n_columns = unknowns.slices["array"].stop
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)[:, :n_columns]
-    allowed = [candidate for candidate in candidates if candidate.model.kind in kinds]
+    counts = _counts(candidates, kinds)
+    allowed = [one for one, is_counted in zip(candidates, counts, strict=True) if is_counted]
     chosen = next(candidate for candidate in allowed if candidate.model == solution.model)
     fits = [(one.model, fit) for one in allowed for fit in one.others or (one.fit,)]
-    count = Counter((model.kind, model.is_white) for model, _ in fits)
+    count = Counter(_group(model) for model, _ in fits)
     weight = np.array(
         [
             fit.log_evidence
-            - model.hyperparameters_of_noise
-            + np.log(_PROBABILITIES[model.kind] / count[model.kind, model.is_white])
+            - model.penalty
+            + np.log(_PROBABILITIES[model.kind] / count[_group(model)])
             for model, fit in fits
         ]
     )
@@ -304,5 +395,38 @@ def average_of_models(
         covariance = by_position @ fit.covariance[:n_columns, :n_columns] @ by_position.T
         excess += probability * (covariance + np.outer(difference, difference))
     values, vectors = np.linalg.eigh(excess)
-    spread = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return Average(shift.reshape(-1, 3), np.asarray(spread))
+    spread = np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    earths, deeper = _earths(allowed, weight, by_position)
+    return Average(shift.reshape(-1, 3), spread, earths, deeper)
+
+
+def _earths(
+    allowed: Sequence[Candidate], weight: Array, by_position: Array
+) -> tuple[dict[Earth, float], float]:
+    """
+    Probability of each possible shape of the Earth, and the depth on the last minus on the first.
+
+    ``weight`` is that of each candidate with each amplitude of its drift.
+    """
+    shapes = [one.model.earth for one in allowed for _ in one.others or (one.fit,)]
+    earths: dict[Earth, float] = {}
+    depths = []
+    for earth in dict.fromkeys(shapes):
+        if earth is None:
+            return {}, 0.0
+        earths[earth] = float(weight[[shape == earth for shape in shapes]].sum())
+        of_earth = [candidate for candidate in allowed if candidate.model.earth == earth]
+        best = min(of_earth, key=lambda candidate: candidate.abic)
+        depths.append((by_position @ best.fit.change[: by_position.shape[1]])[2::3])
+    change = depths[-1] - depths[0]
+    return earths, float(change[np.argmax(np.abs(change))])
+
+
+def _group(model: Model) -> Model:
+    """Model with what has its own probability; others of the group share it."""
+    return Model(
+        model.kind,
+        correlation=Correlation(ratio=float(not model.is_white)),
+        earth=model.earth,
+        lever_doubt=float(model.lever_doubt > 0.0),
+    )

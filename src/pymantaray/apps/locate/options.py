@@ -21,6 +21,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 PlanKind = Literal["known", "scale", "time", "gradient"]
 Arrangement = Literal["free", "rigid"]
 EarthOption = Literal["auto", "flat", "sphere"]
+Earth = Literal["flat", "sphere"]
 Criterion = Literal["position", "horizontal", "depth", "volume", "hours"]
 CRITERIA: Mapping[Criterion, tuple[str, str]] = MappingProxyType(
     {
@@ -89,7 +90,7 @@ class LocateOptions:
         Vertical modes for the model ``modes``.
     earth : {"auto", "flat", "sphere"}
         Shape of the Earth: ``auto`` is the sphere if the survey has a geographic frame, else that
-        of the water.
+        of the water. If neither states it, both are averaged by their marginal likelihood.
     """
 
     speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"

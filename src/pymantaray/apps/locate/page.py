@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
@@ -160,7 +161,8 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
     specs = [
         FigureSpec(
             "survey_map",
-            "Pings coloured by residual, nodes with their 95 % ellipses, and prior positions."
+            "Pings coloured by residual, nodes with their 95 % ellipses, prior positions, and"
+            " mirrored positions of nodes whose pings lie along one line."
             " Right: ellipses and prior positions of each node about its estimate.",
             lambda: survey_map(location, header),
         ),
@@ -204,18 +206,7 @@ def survey_map(location: Location, header: str) -> Figure:
     )
     figure.colorbar(points, ax=overview, label="Residual [µs]", location="bottom", shrink=0.8)
     nodes = location.nodes
-    overview.plot(
-        nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position"
-    )
-    overview.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
-    for row in nodes.to_dict("records"):
-        overview.annotate(
-            style.plain(str(row["name"])),
-            (row["east"], row["north"]),
-            xytext=(3, 3),
-            textcoords="offset points",
-            fontsize=6.5,
-        )
+    _draw_nodes(overview, location)
     overview.set_aspect("equal", adjustable="datalim")
     overview.set_xlabel("East [m]")
     overview.set_ylabel("North [m]")
@@ -240,6 +231,34 @@ def survey_map(location: Location, header: str) -> Figure:
     handles += detail.get_legend_handles_labels()[0][:_MAX_NODES]
     style.common_legend(figure, handles)
     return figure
+
+
+def _draw_nodes(axes: Axes, location: Location) -> None:
+    """Draw prior, reported and mirrored positions of nodes, with their names."""
+    nodes = location.nodes
+    axes.plot(
+        nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position"
+    )
+    axes.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
+    if location.mirrors:
+        mirrored = location.both_sides.query("solution == 'mirrored'")
+        axes.plot(
+            mirrored["east"],
+            mirrored["north"],
+            "o",
+            color=style.INK,
+            markerfacecolor="none",
+            markersize=3.0,
+            label="mirrored",
+        )
+    for row in nodes.to_dict("records"):
+        axes.annotate(
+            style.plain(str(row["name"])),
+            (row["east"], row["north"]),
+            xytext=(3, 3),
+            textcoords="offset points",
+            fontsize=6.5,
+        )
 
 
 @style.styled

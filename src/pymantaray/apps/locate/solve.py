@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -16,10 +16,16 @@ from pymantaray.apps.locate.evidence import (
 )
 from pymantaray.apps.locate.linear import Linearization, Products
 from pymantaray.apps.locate.noise import Correlation
-from pymantaray.apps.locate.options import Arrangement, Kind, LocateOptions
+from pymantaray.apps.locate.options import Arrangement, Earth, Kind, LocateOptions
 from pymantaray.apps.locate.sound_speed import sound_speed_terms
 from pymantaray.apps.locate.survey import PlatformError, Survey
-from pymantaray.apps.locate.travel_times import Legs, extrapolate, predict, transducers
+from pymantaray.apps.locate.travel_times import (
+    Legs,
+    extrapolate,
+    predict,
+    transducers,
+    with_curvature,
+)
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import LocateError
@@ -39,6 +45,7 @@ _MAX_SCALES = 60
 _DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
 _MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
 _CORRELATED = 3  # hyperparameters of correlated noise
+_WRONG_LEVER = 4  # log of the prior odds against a wrong lever arm or heading, 55 to 1
 
 
 class Model(NamedTuple):
@@ -48,6 +55,15 @@ class Model(NamedTuple):
     memory: float = np.inf
     """Memory of the sound speed's prior; infinite for an integrated random walk. [s]"""
     correlation: Correlation = Correlation()
+    earth: Earth | None = None
+    """Shape of the Earth, if both are possible."""
+    lever_doubt: float = 0.0
+    """Standard deviation of errors of a stated horizontal lever arm; 0 if it is right. [m]"""
+
+    def of_kind(self, kind: Kind, lever_doubt: float) -> "Model":
+        """Model of another kind with the same noise, and the same memory if it varies over time."""
+        model = self._replace(kind=kind, lever_doubt=lever_doubt)
+        return model if model.splined else model._replace(memory=np.inf)
 
     @property
     def splined(self) -> bool:
@@ -56,8 +72,8 @@ class Model(NamedTuple):
 
     @property
     def hyperparameters(self) -> int:
-        """Number of hyperparameters that were searched on a grid."""
-        return int(np.isfinite(self.memory)) + self.hyperparameters_of_noise
+        """Hyperparameters that were searched on a grid, and the penalty of an unknown lever arm."""
+        return int(np.isfinite(self.memory)) + self.penalty
 
     @property
     def is_white(self) -> bool:
@@ -65,9 +81,10 @@ class Model(NamedTuple):
         return self.correlation.ratio == 0.0
 
     @property
-    def hyperparameters_of_noise(self) -> int:
-        """Number of hyperparameters of correlated noise, the penalty of its log evidence."""
-        return 0 if self.is_white else _CORRELATED
+    def penalty(self) -> int:
+        """Penalty of the log evidence for correlated noise and for an unknown lever arm."""
+        of_noise = 0 if self.is_white else _CORRELATED
+        return of_noise + (_WRONG_LEVER if self.lever_doubt > 0.0 else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +104,11 @@ class SurveySolution:
     @property
     def model(self) -> Model:
         """Model of sound speed and noise."""
-        speed = self.unknowns.speed
-        return Model(speed.kind, speed.memory, self.correlation)
+        unknowns = self.unknowns
+        speed = unknowns.speed
+        return Model(
+            speed.kind, speed.memory, self.correlation, unknowns.earth, unknowns.lever_doubt
+        )
 
     def whitened_rows(self) -> Iterator[Array]:
         """Blocks of whitened rows of the used pings, with the residual in the last column."""
@@ -110,11 +130,22 @@ class SurveySolution:
 
 
 class Solver:
-    """Outer steps of one survey in one medium."""
+    """
+    Outer steps of one survey in one medium.
 
-    def __init__(self, survey: Survey, medium: Medium, options: LocateOptions) -> None:
+    If the shape of the Earth is unknown, this medium is flat, and ``on_sphere`` is the other one.
+    """
+
+    def __init__(
+        self,
+        survey: Survey,
+        medium: Medium,
+        options: LocateOptions,
+        on_sphere: Medium | None = None,
+    ) -> None:
         self.survey = survey
         self.medium = medium
+        self.on_sphere = on_sphere
         self.options = options
         self._traced: tuple[Array, Array, Legs] | None = None
         stated_sigma = survey.sigma[np.isfinite(survey.sigma)]
@@ -123,18 +154,30 @@ class Solver:
             self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated_sigma))
             self.weight = self.weight / np.median(self.weight)
 
-    def unknowns(self, kind: Kind, position: Array, memory: float = np.inf) -> SurveyUnknowns:
+    @property
+    def earths(self) -> tuple[Earth | None, ...]:
+        """Possible shapes of the Earth; None for that of the medium."""
+        return (None,) if self.on_sphere is None else get_args(Earth)
+
+    def medium_of(self, model: Model) -> Medium:
+        """Medium on the Earth of a model."""
+        if self.on_sphere is None or model.earth != "sphere":
+            return self.medium
+        return self.on_sphere
+
+    def unknowns(self, model: Model, position: Array) -> SurveyUnknowns:
         """
-        Columns for a model of the sound speed.
+        Columns for a model.
 
         Gradients are relative to the middle of the positions.
         """
         options = self.options
         speed = sound_speed_terms(
-            self.survey, position, kind, options.speed_prior, options.modes, memory
+            self.survey, position, model.kind, options.speed_prior, options.modes, model.memory
         )
         default: Arrangement = "free" if self.survey.rigid is None else "rigid"
-        return SurveyUnknowns(self.survey, speed, options.arrangement or default)
+        arrangement = options.arrangement or default
+        return SurveyUnknowns(self.survey, speed, arrangement, model.earth, model.lever_doubt)
 
     def first_values(
         self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None
@@ -144,7 +187,8 @@ class Solver:
         slices = unknowns.slices
         if before is not None:
             n = slices["speed"].start
-            values[:n] = before.values[:n]
+            columns = slice(0, slices["curvature"].start)
+            values[columns] = before.values[columns]
             fraction = before.unknowns.speed.fraction(
                 before.unknowns.speed_values(before.values)[0], len(self.survey)
             )
@@ -207,6 +251,10 @@ class Solver:
             if distance < _RETRACE_DISTANCE and has_modes:
                 return extrapolate(self.survey, legs, change, lever_change)
         new_legs = predict(self.survey, self.medium, position, lever, modes)
+        if self.on_sphere is not None:
+            new_legs = with_curvature(
+                new_legs, predict(self.survey, self.on_sphere, position, lever)
+            )
         self._traced = position, lever, new_legs
         return new_legs
 

@@ -44,6 +44,8 @@ class Legs:
     """`RayStatus` of the worse leg."""
     modes: Array
     """Derivative by the amplitudes of sound-speed modes (n, n_modes). [s per m/s]"""
+    curvature: Array | None = None
+    """Travel time on a sphere minus this one (n,), if the shape of the Earth is unknown. [s]"""
 
     @property
     def possible(self) -> NDArray[np.bool_]:
@@ -78,6 +80,16 @@ def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
     return (
         Rotation.from_euler("ZYX", survey.transmit_attitude),
         Rotation.from_euler("ZYX", survey.receive_attitude),
+    )
+
+
+def with_curvature(legs: Legs, on_sphere: Legs) -> Legs:
+    """Travel times on a plane with their change on a sphere."""
+    return replace(
+        legs,
+        travel_time=np.where(on_sphere.possible, legs.travel_time, np.nan),
+        status=np.maximum(legs.status, on_sphere.status),
+        curvature=on_sphere.travel_time - legs.travel_time,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.apps.locate.options import Arrangement
+from pymantaray.apps.locate.options import Arrangement, Earth
 from pymantaray.apps.locate.sound_speed import SoundSpeed
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import Legs
@@ -21,13 +21,19 @@ class SurveyUnknowns:
     Columns of the linear system of a survey for a model of the sound speed.
 
     In this order: three coordinates of each node, shift and rotation of a rigid array, turn-around
-    time, clock offset and clock drift of each node, lever arm, coefficients of the sound speed.
-    Known values have a prior standard deviation of 0.
+    time, clock offset and clock drift of each node, lever arm, curvature of the Earth (0 or 1),
+    coefficients of the sound speed. Known values have a prior standard deviation of 0.
+
+    ``earth`` is one of two possible shapes; None if there is one only. ``lever_doubt``
+    is the prior standard deviation of errors of the stated horizontal lever arm, which also
+    contain the effect of a wrong heading; 0 without doubt. [m]
     """
 
     survey: Survey
     speed: SoundSpeed
     arrangement: Arrangement = "free"
+    earth: Earth | None = None
+    lever_doubt: float = 0.0
 
     @property
     def slices(self) -> dict[str, slice]:
@@ -40,6 +46,7 @@ class SurveyUnknowns:
             "offset": k,
             "drift": k,
             "lever": 3,
+            "curvature": 0 if self.earth is None else 1,
             "speed": self.speed.size,
         }
         out = {}
@@ -62,6 +69,7 @@ class SurveyUnknowns:
         mean[self.slices["position"]] = np.ravel([node.position for node in nodes])
         mean[self.slices["turn_around"]] = [node.turn_around for node in nodes]
         mean[self.slices["lever"]] = self.survey.lever.offset
+        mean[self.slices["curvature"]] = float(self.earth == "sphere")
         return mean
 
     @property
@@ -85,6 +93,9 @@ class SurveyUnknowns:
                 sd[self.slices["offset"].start + k] = node.offset_sigma
                 sd[self.slices["drift"].start + k] = node.drift_sigma
         sd[self.slices["lever"]] = self.survey.lever.sigma
+        if self.lever_doubt > 0.0:
+            start = self.slices["lever"].start
+            sd[start : start + 2] = self.lever_doubt
         speed = [term.sd for term in self.speed.terms]
         if self.speed.modes is not None:
             speed.append(np.sqrt(self.speed.modes.variance))
@@ -151,6 +162,12 @@ class SurveyUnknowns:
             np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey)))
         )
 
+    def water_times(self, values: Array, legs: Legs) -> Array:
+        """Travel times in the profile on the Earth of the values; NaN without a ray. [s]"""
+        if legs.curvature is None:
+            return legs.travel_time
+        return np.asarray(legs.travel_time + values[self.slices["curvature"]] * legs.curvature)
+
     def predict_times(self, values: Array, legs: Legs) -> Array:
         """Predicted times; NaN without a ray. [s]"""
         survey = self.survey
@@ -158,7 +175,8 @@ class SurveyUnknowns:
         answered = (survey.direction == TravelDirection.TWO_WAY) & ~survey.echoes
         clock = self.clock_signs()
         time_since_start = survey.time - survey.time[0]
-        time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
+        time = self.water_times(values, legs) * self.slowing(values)
+        time = time + legs.modes @ self.speed_values(values)[1]
         time = time + np.where(answered, values[self.slices["turn_around"]][k], 0.0)
         offset = values[self.slices["offset"]]
         drift = values[self.slices["drift"]]

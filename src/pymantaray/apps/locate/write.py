@@ -26,7 +26,10 @@ from pymantaray.records.writing import write_netcdf
 _CORNERS = 72  # per ellipse
 _UNUSED = ["line", "node", "time_s", "residual_s", "reason"]
 # keys of the summary in location.json
-_STORED = ("campaign", "displacement", "tests_passed", "widening", "selection", "settled", "usable")
+_STORED = (
+    *("campaign", "displacement", "tests_passed", "widening", "selection", "settled", "usable"),
+    *("earth", "earths", "mirrors"),
+)
 _SIGMAS = ("sigma_north_m", "sigma_east_m", "sigma_depth_m")
 _ELLIPSE = ("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg")
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
@@ -53,15 +56,25 @@ def summary(location: Location) -> dict[str, Any]:
         "widening": location.widening,
         "budget": location.budget,
         "unknowns": location.other_unknowns,
-        "mirrors": [vars(mirror) for mirror in location.mirrors],
+        "mirrors": _mirrors(location),
         "rejected": unused[_UNUSED].to_dict("records"),
         "earth": location.earth,
+        "earths": dict(location.earths),
         "settled": location.solution.settled,
         "usable": location.usable,
         "unexplained": dict(zip(location.survey.names, location.unexplained, strict=True)),
         "campaign": campaign_values(location),
         "displacement": moved.as_dict() if moved is not None else None,
     }
+
+
+def _mirrors(location: Location) -> list[dict[str, Any]]:
+    """Mirrored solutions, each with the reported one."""
+    rows = location.both_sides.to_dict("records")
+    return [
+        vars(mirror) | {str(key): value for key, value in mirrored.items()} | {"reported": reported}
+        for mirror, reported, mirrored in zip(location.mirrors, rows[::2], rows[1::2], strict=True)
+    ]
 
 
 def landmarks_toml(location: Location) -> str:
