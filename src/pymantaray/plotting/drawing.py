@@ -3,15 +3,16 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from matplotlib.figure import Figure
 
 from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.jobs.progress import Progress
 from pymantaray.plotting.formats import FIGURE_KINDS, FIGURES, ONE_COLUMN
-from pymantaray.plotting.style import legend_entries, rendered
+from pymantaray.plotting.style import COLUMN, DOUBLE, legend_entries, rendered
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
@@ -37,7 +38,7 @@ class Picture(NamedTuple):
 class FigureSpec:
     """
     A figure of a report: file name without suffix, caption, function that draws it, counterpart in
-    the paper, and function that draws it for one column of a journal, if it needs another layout.
+    the paper, and function that draws it for one column of a journal.
     """
 
     name: str
@@ -47,6 +48,13 @@ class FigureSpec:
     column: Callable[[], Figure] | None = None
     guard: Callable[[], AbstractContextManager[None]] = nullcontext
     """Context in which it is drawn: that of another package, if it is from one."""
+
+    @classmethod
+    def of_both_widths(
+        cls, name: str, caption: str, draw: Callable[[float], Figure], paper: str = ""
+    ) -> Self:
+        """Figure with two layouts, from a function that draws it for a width. [in]"""
+        return cls(name, caption, partial(draw, DOUBLE), paper, partial(draw, COLUMN))
 
 
 def with_source(caption: str, *, synthetic: bool) -> str:
