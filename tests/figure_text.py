@@ -5,11 +5,16 @@ from matplotlib.legend import Legend
 from matplotlib.path import Path
 from matplotlib.text import Text
 
+from pymantaray.plotting.style import freeze_layout
+
+_DPI = 200.0
 _TOUCH = 0.4  # points by which the boxes of two texts may overlap
 
 
 def texts(figure):
-    """Texts that a reader sees, drawn at their places."""
+    """Texts that a reader sees, drawn at their places as in a file."""
+    freeze_layout(figure)
+    figure.dpi = _DPI  # hinting makes letters narrower on a screen
     figure.canvas.draw()
     found = []
     for artist in figure.findobj(Text):

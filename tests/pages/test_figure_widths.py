@@ -67,14 +67,18 @@ def test_figures_with_long_names_are_readable_at_both_widths(made_run, tmp_path)
 
 
 @pytest.fixture
-def both(drawn):
-    """Figures that a function draws of its pages, for both widths."""
+def both(drawn, columns):
+    """Checks figures that a function draws of its pages, for both widths."""
 
-    def figures(write, *arguments):
+    def check(count, write, *arguments):
         write(*arguments, formats=["84mm"])
-        return drawn.figures
+        narrow = {id(figure): figure for figure in columns}.values()
+        assert (len(drawn.figures), len(narrow)) == (count, count)
+        assert {figure.get_figwidth() for figure in narrow} == {style.COLUMN}
+        for figure in (*drawn.figures, *narrow):
+            assert_readable(figure, figure.get_suptitle())
 
-    return figures
+    return check
 
 
 def test_figures_of_a_plan_are_readable_at_both_widths(both, tmp_path):
@@ -87,23 +91,14 @@ def test_figures_of_a_plan_are_readable_at_both_widths(both, tmp_path):
         lost_of="T",
     )
     plan = DeploymentPlan(parse_study({**TINY, "landmarks": [receiver]}, "tiny"), section)
-    figures = both(write_plan_page, search_designs(plan, workers=1), tmp_path / "page")
-    check_both(figures, 4)
+    both(4, write_plan_page, search_designs(plan, workers=1), tmp_path / "page")
 
 
 def test_figures_of_located_nodes_are_readable_at_both_widths(both, tmp_path):
     survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
     located = locate(survey, profile(), LocateOptions(speed_model="time", correlation="none"))
-    check_both(both(write_location_page, located, tmp_path / "page"), 3)
+    both(3, write_location_page, located, tmp_path / "page")
 
 
 def test_figures_of_a_replay_are_readable_at_both_widths(both, made_replay, tmp_path):
-    check_both(both(write_replay, made_replay, tmp_path / "page"), 4)
-
-
-def check_both(figures, count):
-    """Figures of a page, each of them at both widths."""
-    widths = [figure.get_figwidth() for figure in figures]
-    assert widths == [*map(pytest.approx, WIDTHS * count)]
-    for n, figure in enumerate(figures):
-        assert_readable(figure, f"figure {n}")
+    both(4, write_replay, made_replay, tmp_path / "page")

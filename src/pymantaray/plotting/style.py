@@ -96,6 +96,7 @@ DISTINCT = len(_MORE_COLOURS)
 """Number of estimators with a colour of their own."""
 _MAX_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
+_BELOW_LABEL = 4.2  # from an axis to the space below its label, in sizes of a legend's letters
 _LEGEND_LINE = 0.14  # height of its lines [in]
 _TITLE_LETTERS = 17.5  # of a title in an inch of its panel
 _BESIDE_PANEL = 0.45  # inches beside a panel that its title does not cover
@@ -399,6 +400,18 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
         _separate(figure, legend)
 
 
+def legend_below(axes: Axes) -> None:
+    """Legend of one panel of several, on a line below the label of its horizontal axis."""
+    figure = axes.get_figure(root=True)
+    narrow = figure is not None and in_one_column(figure)
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=_BELOW_LABEL,
+        ncols=2 if narrow else _PER_LINE,
+    )
+
+
 def _legend_of_column(figure: Figure, handles: Sequence[Artist], options: dict[str, Any]) -> None:
     """Legend below the panels of a narrow figure, whose lines do not exceed its width."""
     placed = figure.get_layout_engine() is None
@@ -450,11 +463,12 @@ def _grow(figure: Figure, room: float) -> None:
 
 def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
     """
-    Entries of a figure's common legend as sign, colour and text, for pages that are too narrow for
-    the figure.
+    Entries of a figure's legends as sign, colour and text, for pages that are too narrow for the
+    figure.
     """
     entries = []
-    for legend in figure.legends:
+    own = (axes.get_legend() for axes in figure.axes)
+    for legend in (*figure.legends, *(legend for legend in own if legend is not None)):
         for handle, words in zip(legend.legend_handles, legend.get_texts(), strict=True):
             if isinstance(handle, Line2D):
                 line = "━" if handle.get_linestyle() == "-" else "╍"

@@ -46,7 +46,7 @@ OF_THE_PAPER = {
     "sound_speed",
 }
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
-VOID = {"meta", "img", "br", "input"}
+VOID = {"meta", "img", "br", "input", "source"}
 
 
 class Page(HTMLParser):
@@ -135,7 +135,7 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
         f"tables/{name}.csv" for name in reported.tables
     } <= set(links)
     drawn = re.findall(
-        r'id="(\w+)">\n(?:<p class="keys">.*\n)?<a [^>]*><img src="[^"]*" width="(\d+)"'
+        r'id="(\w+)"[^>]*>\n(?:<p class="keys">.*\n)?<a .*><img src="[^"]*" width="(\d+)"'
         r' height="(\d+)"',
         reported.text,
     )
@@ -183,7 +183,8 @@ def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkey
     assert len(pictures) > 10
     assert all(f'href="figures/{name}"' in text for name in files)
     assert all(f'href="figures/{name.partition(".")[0]}.png"' in text for name in files)
-    assert len(drawn) == len([*(folder / "figures").iterdir()])  # each once
+    narrow = text.count("<source ")
+    assert len(drawn) == len([*(folder / "figures").iterdir()]) + narrow  # each once
 
 
 def test_an_unknown_format_is_one_clear_line(tmp_path):

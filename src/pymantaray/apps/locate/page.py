@@ -28,6 +28,7 @@ _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
 _UNUSED = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
 _LINE_STYLES = {"circle": "-", "cross": "--", "line": ":", "rose": "-.", "lines": (0, (5, 1, 1, 1))}
+_DIGITS = 6  # of a number in the provenance; the file has all
 _CORNERS = 180  # of an ellipse
 
 
@@ -111,8 +112,19 @@ def _page(
             "NetCDF": "location.nc",
             "positions with covariance": CAMPAIGN_FILE,
         },
-        origin=[origin_table(record, "Options", "locate.json")],
+        origin=[
+            origin_table(record | {"model": _rounded(record["model"])}, "Options", "locate.json")
+        ],
     )
+
+
+def _rounded(content: Any) -> Any:
+    """Nested record with numbers of `_DIGITS` significant digits, for the page."""
+    if isinstance(content, dict):
+        return {name: _rounded(item) for name, item in content.items()}
+    if isinstance(content, list | tuple):
+        return [_rounded(item) for item in content]
+    return float(f"{content:.{_DIGITS}g}") if isinstance(content, float) else content
 
 
 def _fact(location: Location) -> str:

@@ -463,11 +463,36 @@ def _page(
         links={f"Run {name}": _page_of(r) for name, r in runs.items()},
         first_tables=first,
         explorer=_explorer(runs, tables["configuration"].frame),
-        pictures=pictures,
+        pictures=[p for p in pictures if not _of_one(p)],
+        more_pictures={"Mission of each run": _shared(runs, pictures)}
+        if len(runs) <= _MAX_RUNS_BESIDE
+        else None,
         tables=others,
         citation=citation_of(list(runs.values())),
         cite="Cite these runs",
     )
+
+
+def _of_one(picture: Picture) -> bool:
+    """True for a figure of one run's mission."""
+    return picture.name.rpartition("_")[0] in _OF_EACH or picture.name == "pipeline"
+
+
+def _shared(runs: Mapping[str, RunResults], pictures: Sequence[Picture]) -> list[Picture]:
+    """Figures of the runs' missions; those of runs with the same figure are one."""
+    same: dict[tuple[str, bytes], list[Picture]] = {}
+    for picture in filter(_of_one, pictures):
+        figure = picture.name.rpartition("_")[0]  # without the number of the run
+        same.setdefault((figure, picture.files["png"]), []).append(picture)
+    names = shortened(list(runs))
+    shared = []
+    for first, *others in same.values():
+        caption = first.caption
+        if others:
+            which = in_words([names[int(p.name.rpartition("_")[2]) - 1] for p in (first, *others)])
+            caption = f"{which}. {caption.removeprefix(f'{names[0]}. ')}"
+        shared.append(first._replace(caption=caption))
+    return shared
 
 
 def _page_of(results: RunResults) -> Path:

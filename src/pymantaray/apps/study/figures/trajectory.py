@@ -347,13 +347,13 @@ def refraction(
     ranges: Array, errors: Mapping[str, Array], header: str, *, width: float = style.DOUBLE
 ) -> Figure:
     """Histogram of range errors, and mean and quartiles of the position errors by condition."""
-    heights = [1.9, 0.75 + 0.18 * len(errors)][: 2 if errors else 1]
+    heights = [2.15, 0.75 + 0.18 * len(errors)][: 2 if errors else 1]
     figure, (counts, *others) = style.panel_figure(
-        width, header, len(heights), height=2.2, stacked=heights
+        width, header, len(heights), height=2.35, stacked=heights
     )
     draw_range_errors(counts, ranges)
     style.panel_title(counts, "a", "range error")
-    style.common_legend(figure, counts.get_legend_handles_labels()[0])
+    style.legend_below(counts)
     for axes in others:
         looks = style.condition_looks(list(errors))
         for row, (name, values) in enumerate(errors.items()):
@@ -369,7 +369,7 @@ def refraction(
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("Position error [m]")
-        style.panel_title(axes, "b", "position error: mean (dot), quartiles (line)")
+        style.panel_title(axes, "b", "position error: mean, quartiles")
     return figure
 
 
@@ -382,7 +382,12 @@ register(
     place=0,
     caption=lambda r: (
         "Effect of refraction. (a) Error of each range, refracted minus straight."
-        + (" (b) Position errors over all vehicles, times and realizations." if _errors(r) else "")
+        + (
+            " (b) Mean (dot) and quartiles (line) of the position errors over all vehicles, times"
+            " and realizations."
+            if _errors(r)
+            else ""
+        )
     ),
     **both_widths(lambda r, width: refraction(r.ranges.total, _errors(r), r.header, width=width)),
 )
