@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
 
 from pymantaray.apps.study.figures.register import both_widths, register
 from pymantaray.apps.study.tables import RunTables
@@ -243,15 +244,7 @@ def consistency_over_time(
     log = bool(ratio.size) and bool(
         ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH
     )
-    rows = 2 if log else 1
-    if width == style.COLUMN:
-        figure = style.new_figure(width, 0.5 + 1.5 * rows * len(_PANELS), header)
-        grid = figure.subplots(rows * len(_PANELS), 1, sharex=True, squeeze=False)
-        grid = grid.reshape(rows, len(_PANELS))
-    else:
-        lines = style.legend_lines(len(looks) + 2)
-        figure = style.new_figure(width, 0.75 + 1.6 * rows + 0.14 * lines, header)
-        grid = figure.subplots(rows, len(_PANELS), sharex=True, squeeze=False)
+    figure, grid = _consistency_grid(2 if log else 1, len(looks), header, width)
     for c, (part, (_, title)) in enumerate(zip(tables, _PANELS, strict=True)):
         style.panel_title(grid[0, c], "ab"[c], title)
         for axes in grid[:, c]:
@@ -294,6 +287,22 @@ def consistency_over_time(
     band = Patch(color=style.BAND, label="95 % bounds")
     style.common_legend(figure, [*handles, band, style.entry("outside its bounds", **outside)])
     return figure
+
+
+def _consistency_grid(
+    rows: int, conditions: int, header: str, width: float
+) -> tuple[Figure, NDArray[Any]]:
+    """
+    Figure with the axes of `consistency_over_time`, rows by statistics; for one column of a
+    journal, all of them are below each other.
+    """
+    count = len(_PANELS)
+    if width == style.COLUMN:
+        figure = style.new_figure(width, 0.5 + 1.5 * rows * count, header)
+        return figure, figure.subplots(rows * count, 1, sharex=True).reshape(rows, count)
+    lines = style.legend_lines(conditions + 2)
+    figure = style.new_figure(width, 0.75 + 1.6 * rows + 0.14 * lines, header)
+    return figure, figure.subplots(rows, count, sharex=True, squeeze=False)
 
 
 def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
