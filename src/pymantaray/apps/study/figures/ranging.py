@@ -46,7 +46,7 @@ def range_error_histogram(
         words = [style.short(name), _moments(received)]
         same = "the same, logarithmic count"
         if len(name) > _MAX_NAME_LETTERS and not narrow:  # no room for both above one panel
-            same = f"{words.pop()}, logarithmic count"
+            same = f"{words.pop()}, log count"
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
         style.panel_title(log, style.letter(2 * i + 1), same)
     for axes in rows.flat[: -1 if narrow else -2]:
