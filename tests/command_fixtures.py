@@ -72,14 +72,21 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
-def drawn(undrawn, monkeypatch):
+def columns():
+    """Layouts for one column of the figures that are `drawn`."""
+    return []
+
+
+@pytest.fixture
+def drawn(undrawn, columns, monkeypatch):
     """Figures and contents of pages that are made; files have small images."""
     made, small, files = SimpleNamespace(figures=[], pages=[]), drawing.rendered, Page.files
-    monkeypatch.setattr(
-        drawing,
-        "rendered",
-        lambda figure, *a, **k: made.figures.append(figure) or small(figure, *a, **k),
-    )
+
+    def rendered(figure, *arguments, **options):
+        (made.figures if "dpi" in options else columns).append(figure)
+        return small(figure, *arguments, **options)
+
+    monkeypatch.setattr(drawing, "rendered", rendered)
     monkeypatch.setattr(Page, "files", lambda page, *a: made.pages.append(page) or files(page, *a))
     return made
 

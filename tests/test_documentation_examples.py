@@ -52,6 +52,12 @@ def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, undrawn):
             table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11
         )
         assert np.all(names["travel_time_sensitivity"](names["paths"], names["layers"]) <= 0.0)
+    if name_of(page) == "tutorials/first-study.md":
+        stated = re.search(r"at the pings it is ([\d.]+) m, and ([\d.]+) m", page.read_text())
+        for run, rmse in zip(("latest", "mine"), stated.groups(), strict=True):
+            table = pd.read_csv(tmp_path / "runs" / run / "tables" / "ping_error.csv")
+            of = table.set_index("condition").loc["straight", "rmse_m"]
+            assert rmse == f"{of:.1f}", run
     if name_of(page) == "reference/ocean-files.md":
         ocean = open_ocean(tmp_path / "ligurian.nc")
         assert dict(ocean.sizes) == {"depth": 4, "lat": 26, "lon": 13}

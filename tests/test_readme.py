@@ -69,6 +69,21 @@ def test_numbers_beside_the_paper_are_those_of_its_page():
             )
 
 
+def test_numbers_of_scripts_and_lines_are_those_of_the_gallery():
+    words = ("eight", "nine", "ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen")
+    scripts = sorted((ROOT / "examples" / "gallery").glob("plot_*.py"))
+    assert f", {words[len(scripts) - 8]} short scripts in" in README
+    lines = (ROOT / "examples" / "gallery" / "plot_bent_ray.py").read_text("utf-8").count("\n")
+    assert f"plot_bent_ray.py) has {lines} lines" in README
+
+
+def test_the_lost_links_of_the_beacon_are_those_of_the_first_page():
+    plan = (DOCS / "how-to" / "plan.md").read_text(encoding="utf-8")
+    (lost,) = re.findall(r"beacon A at the surface loses ([\d.]+) % of its links", plan)
+    row = re.search(r"^\| lost on the station's links \[%\] \|(.*)\|$", README, re.MULTILINE)
+    assert lost == row[1].split("|")[-1].strip()
+
+
 def test_mantaray_is_cited_as_readme_and_citation_file_do():
     yaml = pytest.importorskip("yaml")
     entry = next(

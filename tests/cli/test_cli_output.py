@@ -300,3 +300,19 @@ def test_latex_and_csv_are_the_complete_tables_alone(capsys, tmp_path):
     assert printed(quiet=True) == f"{tmp_path}\n"
     assert printed(to="json") == printed(as_json=True)
     assert printed().splitlines()[0] == "for people"
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit(143)])
+def test_a_command_that_is_stopped_says_how_to_resume(capsys, stop):
+    with pytest.raises(BaseException) as stopped, output.resumable(lambda: "it resumes"):
+        raise stop
+    assert stopped.type is (stop if isinstance(stop, type) else type(stop))
+    assert capsys.readouterr().err == "interrupted; it resumes\n"
+
+
+def test_a_command_that_ends_or_fails_says_nothing_about_resuming(capsys):
+    with output.resumable(lambda: "it resumes"):
+        pass
+    with pytest.raises(ValueError, match="wrong"), output.resumable(lambda: "it resumes"):
+        raise ValueError("wrong")
+    assert capsys.readouterr().err == ""

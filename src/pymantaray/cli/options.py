@@ -752,8 +752,8 @@ Formats = Annotated[
     typer.Option(
         "--format",
         metavar="NAME,...",
-        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex,"
-        " 84mm for layouts of one column; several with commas.",
+        help="For a paper: figures as png (300 dpi), pdf or svg, tables as tex, 84mm for each"
+        " figure as PDF for one column of a journal; several with commas.",
         rich_help_panel=OUTPUT,
     ),
 ]

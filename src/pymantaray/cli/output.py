@@ -13,6 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, TextIO
 
+import typer
+
 from pymantaray.cli.printing import LOG
 from pymantaray.errors import WriteError
 from pymantaray.installation import peak_memory_mib
@@ -306,6 +308,16 @@ def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]
             yield None
         else:
             yield lambda done, failed, total: report(noun, done + failed, total, failed)
+
+
+@contextmanager
+def resumable(resumes: Callable[[], str]) -> Iterator[None]:
+    """Print how to resume on standard error if Ctrl-C or a stop request ends the block."""
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit):
+        typer.echo(f"interrupted; {resumes()}", err=True)
+        raise
 
 
 def duration(seconds: float) -> str:

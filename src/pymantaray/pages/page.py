@@ -73,6 +73,7 @@ class Page:
     first_tables: Sequence[ResultTable] = ()  # above everything else
     explorer: Explorer | None = None
     pictures: Sequence[Picture] = ()
+    more_pictures: Mapping[str, Sequence[Picture]] | None = None  # folded, by their heading
     question: str = ""  # that the first three cards and the picture `lead` answer
     lead: str = ""
     long: bool = False  # the interactive part replaces figures and tables until they are unfolded
@@ -124,7 +125,8 @@ class Page:
         }
         if "tex" in formats:
             content |= {f"{TABLES}/{t.name}.tex": t.to_latex().encode() for t in own}
-        for picture in self.pictures:
+        more = (picture for group in (self.more_pictures or {}).values() for picture in group)
+        for picture in (*self.pictures, *more):
             content |= {
                 f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()
             }
@@ -185,6 +187,9 @@ def entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(content, dict) and content:
         for name, item in content.items():
             yield from entries(item, f"{path} / {name}" if path else str(name))
+    elif isinstance(content, list) and any(isinstance(item, dict) for item in content):
+        for number, item in enumerate(content, 1):
+            yield from entries(item, f"{path} / {number}" if path else str(number))
     elif isinstance(content, list):
         texts = [_text(item) for item in content]
         yield path, ("\n" if any(", " in text for text in texts) else ", ").join(texts) or "none"

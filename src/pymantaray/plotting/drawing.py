@@ -3,24 +3,33 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from matplotlib.figure import Figure
 
 from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.jobs.progress import Progress
 from pymantaray.plotting.formats import FIGURE_KINDS, FIGURES, ONE_COLUMN
-from pymantaray.plotting.style import legend_entries, rendered
+from pymantaray.plotting.style import COLUMN, DOUBLE, in_one_column, legend_entries, rendered
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
 
 
+class Image(NamedTuple):
+    """PNG of a figure, and its size on the page. [px]"""
+
+    png: bytes
+    width: int
+    height: int
+
+
 class Picture(NamedTuple):
     """
     A drawn figure: size on the page [px], files by kind, signs, colours and words of its legend,
-    counterpart in the paper, folder.
+    counterpart in the paper, folder, and its layout for one column, for a narrow screen.
     """
 
     name: str
@@ -31,13 +40,14 @@ class Picture(NamedTuple):
     legend: Sequence[tuple[str, str, str]] = ()
     paper: str = ""
     folder: str = f"{FIGURES}/"
+    narrow: Image | None = None
 
 
 @dataclass(frozen=True)
 class FigureSpec:
     """
     A figure of a report: file name without suffix, caption, function that draws it, counterpart in
-    the paper, and function that draws it for one column of a journal, if it needs another layout.
+    the paper, and function that draws it for one column of a journal.
     """
 
     name: str
@@ -47,6 +57,13 @@ class FigureSpec:
     column: Callable[[], Figure] | None = None
     guard: Callable[[], AbstractContextManager[None]] = nullcontext
     """Context in which it is drawn: that of another package, if it is from one."""
+
+    @classmethod
+    def of_both_widths(
+        cls, name: str, caption: str, draw: Callable[[float], Figure], paper: str = ""
+    ) -> Self:
+        """Figure with two layouts, from a function that draws it for a width. [in]"""
+        return cls(name, caption, partial(draw, DOUBLE), paper, partial(draw, COLUMN))
 
 
 def with_source(caption: str, *, synthetic: bool) -> str:
@@ -90,13 +107,24 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
             f"figure {spec.name}: its function returns {type(figure).__name__}; it must return a"
             " matplotlib figure"
         )
-    width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
+    width, height = _size(figure)
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     printed = "png" in formats
     files = {}
-    if ONE_COLUMN in formats and spec.column is not None:
-        files[f"{ONE_COLUMN}.pdf"] = rendered(spec.column(), ("pdf",))["pdf"]
+    narrow = None
+    if spec.column is not None:
+        column = spec.column()
+        if ONE_COLUMN in formats:
+            files[f"{ONE_COLUMN}.pdf"] = rendered(column, ("pdf",))["pdf"]
+        if not in_one_column(figure):
+            narrow = Image(rendered(column, ("png",), few_colours=True)["png"], *_size(column))
     files |= rendered(figure, kinds, dpi=_PRINTED if printed else None, few_colours=not printed)
     legend = legend_entries(figure)
     "".join(word for entry in legend for word in entry).encode()  # the page writes them
-    return Picture(spec.name, spec.caption, width, height, files, legend, spec.paper)
+    return Picture(spec.name, spec.caption, width, height, files, legend, spec.paper, narrow=narrow)
+
+
+def _size(figure: Figure) -> tuple[int, int]:
+    """Width and height on the page. [px]"""
+    width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
+    return width, height

@@ -10,8 +10,8 @@ FIGURE_KINDS = ("png", "pdf", "svg")
 ONE_COLUMN = "84mm"
 FORMATS = (*FIGURE_KINDS, "tex", ONE_COLUMN)
 """
-Formats for a paper, of figures and of tables; `ONE_COLUMN`: PDF of the figures that are too wide or
-too dense for one column, laid out for its width.
+Formats for a paper, of figures and of tables; `ONE_COLUMN`: PDF of the figures in a layout for one
+column of a journal.
 """
 
 

@@ -11,7 +11,7 @@ from io import BytesIO
 from itertools import cycle, islice
 from pathlib import Path
 from string import ascii_lowercase
-from textwrap import wrap
+from textwrap import fill, wrap
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -96,6 +96,10 @@ DISTINCT = len(_MORE_COLOURS)
 """Number of estimators with a colour of their own."""
 _MAX_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
+_BELOW_LABEL = 4.2  # from an axis to the space below its label, in sizes of a legend's letters
+_LEGEND_LINE = 0.14  # height of its lines [in]
+_TITLE_LETTERS = 17.5  # of a title in an inch of its panel
+_BESIDE_PANEL = 0.45  # inches beside a panel that its title does not cover
 _MARKERS = "osD^v<>phd"
 _SIGNS = dict(
     zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True)
@@ -171,6 +175,56 @@ def new_figure(
     return figure
 
 
+def in_one_column(figure: Figure) -> bool:
+    """True if a figure is laid out for one column of a journal."""
+    return bool(figure.get_figwidth() < 0.5 * (COLUMN + DOUBLE))
+
+
+def panel_figure(
+    width: float,
+    header: str,
+    count: int,
+    *,
+    height: float,
+    stacked: float | Sequence[float],
+    **grid: Any,
+) -> tuple[Figure, list[Axes]]:
+    """
+    Figure with panels beside each other for both columns of a journal, below each other for one.
+
+    Parameters
+    ----------
+    width : float
+        `DOUBLE`, or `COLUMN` for one column. [in]
+    header : str
+        Line on top that describes the water.
+    count : int
+        Number of panels.
+    height : float
+        Height of the figure over both columns. [in]
+    stacked : float or sequence of float
+        Height of a panel in one column with its title and labels, or of each panel. [in]
+    **grid
+        Options of `matplotlib.figure.Figure.subplots` over both columns. Panels below each other
+        share their horizontal axis if it is the same quantity with ``sharex=True``.
+
+    Returns
+    -------
+    tuple of matplotlib.figure.Figure and list of matplotlib.axes.Axes
+        The figure, and its panels from left to right or from top to bottom.
+    """
+    if width > COLUMN:
+        figure = new_figure(width, height, header)
+        return figure, list(figure.subplots(1, count, squeeze=False, **grid)[0])
+    heights = [stacked] * count if isinstance(stacked, int | float) else list(stacked)
+    figure = new_figure(width, 0.2 + sum(heights), header)
+    kept = {name: value for name, value in grid.items() if name in ("sharex", "sharey")}
+    panels = figure.subplots(count, 1, squeeze=False, height_ratios=heights, **kept)[:, 0]
+    for axes in panels:
+        axes.tick_params(labelbottom=True)
+    return figure, list(panels)
+
+
 def ocean_header(attrs: Mapping[Any, Any]) -> str:
     """One line about the water of a figure; it always marks a synthetic ocean."""
     parts = [ocean_name(attrs)]
@@ -199,17 +253,15 @@ def short(name: str, fits: int = _FITS) -> str:
     return name if len(name) <= fits else name[: fits - 1].rstrip() + "…"
 
 
-def shortened(names: Sequence[str]) -> list[str]:
+def shortened(names: Sequence[str], fits: int = _FITS) -> list[str]:
     """
     Distinct names shortened to fit on a figure: at their ends, otherwise in their middle, otherwise
     with numbers.
     """
-    half = _FITS // 2
-    middle = [
-        name if len(name) <= _FITS else f"{name[: half - 1]}…{name[-half:]}" for name in names
-    ]
-    numbered = [f"{i}: {short(name, _FITS - 5)}" for i, name in enumerate(names, 1)]
-    cuts = ([short(name) for name in names], middle, numbered)
+    half = fits // 2
+    middle = [name if len(name) <= fits else f"{name[: half - 1]}…{name[-half:]}" for name in names]
+    numbered = [f"{i}: {short(name, fits - 5)}" for i, name in enumerate(names, 1)]
+    cuts = ([short(name, fits) for name in names], middle, numbered)
     return next(cut for cut in cuts if len(set(cut)) == len(names))
 
 
@@ -265,8 +317,21 @@ def letter(panel: int) -> str:
 
 
 def panel_title(axes: Axes, letter: str, text: str) -> None:
-    """Title of one panel of several."""
-    axes.set_title(f"({letter}) {text}", loc="left")
+    """Title of one panel of several, in lines that fit above it."""
+    axes.set_title(fitting(axes, f"({letter}) {text}"), loc="left")
+
+
+def fitting(axes: Axes, title: str) -> str:
+    """Title in lines that fit above a panel of a figure for one column of a journal."""
+    figure = axes.get_figure(root=True)
+    place = axes.get_subplotspec()
+    if figure is None or place is None or not in_one_column(figure):
+        return title
+    share = len(place.colspan) / place.get_gridspec().ncols
+    letters = int(_TITLE_LETTERS * (share * figure.get_figwidth() - _BESIDE_PANEL))
+    # a part between two commas stays on one line if it fits there
+    parts = [p if len(p) > letters else p.replace(" ", "\u00a0") for p in title.split(", ")]
+    return fill(", ".join(parts), letters).replace("\u00a0", " ")
 
 
 class LogTicks(LogLocator):
@@ -316,7 +381,15 @@ def legend_lines(entries: int) -> int:
 
 
 def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> None:
-    """Legend for all panels: on the line of the header if it fits, otherwise below the panels."""
+    """
+    Legend for all panels: on the line of the header if it fits, otherwise below the panels.
+
+    In one column of a journal, it is below the panels with as many entries on a line as fit, and
+    makes the figure higher.
+    """
+    if in_one_column(figure):
+        _legend_of_column(figure, handles, options)
+        return
     if legend_lines(len(handles)):
         below = "lower center" if figure.get_layout_engine() is None else "outside lower center"
         place: dict[str, Any] = {"loc": below, "ncols": min(len(handles), _PER_LINE)}
@@ -325,6 +398,34 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
     legend = figure.legend(handles=handles, borderaxespad=0.1, **(place | options))
     if (place | options)["loc"] == "upper right":
         _separate(figure, legend)
+
+
+def legend_below(axes: Axes) -> None:
+    """Legend of one panel of several, on a line below the label of its horizontal axis."""
+    figure = axes.get_figure(root=True)
+    narrow = figure is not None and in_one_column(figure)
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=_BELOW_LABEL,
+        ncols=2 if narrow else _PER_LINE,
+    )
+
+
+def _legend_of_column(figure: Figure, handles: Sequence[Artist], options: dict[str, Any]) -> None:
+    """Legend below the panels of a narrow figure, whose lines do not exceed its width."""
+    placed = figure.get_layout_engine() is None
+    below = "lower center" if placed else "outside lower center"
+    kwargs: dict[str, Any] = {"loc": below, "borderaxespad": 0.1} | options
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    for columns in range(int(kwargs.pop("ncols", min(len(handles), _PER_LINE))), 0, -1):
+        legend = figure.legend(handles=handles, ncols=columns, **kwargs)
+        if columns == 1 or legend.get_window_extent(renderer).width <= figure.bbox.width:
+            break
+        legend.remove()
+    if not placed and "outside" in kwargs["loc"]:
+        lines = -(-len(handles) // columns)
+        figure.set_figheight(figure.get_figheight() + _LEGEND_LINE * lines)
 
 
 def _separate(figure: Figure, legend: Legend) -> None:
@@ -362,11 +463,12 @@ def _grow(figure: Figure, room: float) -> None:
 
 def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
     """
-    Entries of a figure's common legend as sign, colour and text, for pages that are too narrow for
-    the figure.
+    Entries of a figure's legends as sign, colour and text, for pages that are too narrow for the
+    figure.
     """
     entries = []
-    for legend in figure.legends:
+    own = (axes.get_legend() for axes in figure.axes)
+    for legend in (*figure.legends, *(legend for legend in own if legend is not None)):
         for handle, words in zip(legend.legend_handles, legend.get_texts(), strict=True):
             if isinstance(handle, Line2D):
                 line = "━" if handle.get_linestyle() == "-" else "╍"

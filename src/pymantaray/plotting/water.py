@@ -69,17 +69,23 @@ def draw_profile(
 
 
 @style.styled
-def ray_picture(picture: xr.Dataset, header: str) -> Figure:
+def ray_picture(picture: xr.Dataset, header: str, *, width: float = style.DOUBLE) -> Figure:
     """
     Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord.
     """
     hour = f", {style.clock(float(picture.attrs['time_h']))}" if "time_h" in picture.attrs else ""
     source, receiver = _names(picture)
-    return _ray_pictures([picture], [f"{source} to {receiver}{hour}"], header)
+    return _ray_pictures([picture], [f"{source} to {receiver}{hour}"], header, width)
 
 
 @style.styled
-def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
+def rays_of_links(
+    pictures: Sequence[xr.Dataset],
+    titles: Sequence[str],
+    header: str,
+    *,
+    width: float = style.DOUBLE,
+) -> Figure:
     """
     `ray_picture` of several links below each other, with one scale of sound speed; titles give the
     time of the first arrival.
@@ -88,10 +94,13 @@ def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
         pictures,
         [f"{title}, {_outcome(p)}" for title, p in zip(titles, pictures, strict=True)],
         header,
+        width,
     )
 
 
-def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
+def _ray_pictures(
+    pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str, width: float
+) -> Figure:
     used = [
         kind
         for kind in range(len(RAY_KINDS))
@@ -99,9 +108,10 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
     ]
     fan = any((picture["ray_arrives"] == 0).any() for picture in pictures)
     handles = _ray_handles(pictures, used, fan=fan)
-    below = 0.14 * style.legend_lines(len(handles))
+    narrow = width == style.COLUMN
+    below = 0.5 if narrow else 0.14 * style.legend_lines(len(handles))
     height = 0.55 + below + (2.45 if len(pictures) == 1 else 2.05 * len(pictures))
-    figure = style.new_figure(style.DOUBLE, height, header)
+    figure = style.new_figure(width, height, header)
     panels = figure.subplots(len(pictures), 1, squeeze=False)[:, 0]
     water = [_water_shown(picture) for picture in pictures]
     low, high = (
@@ -118,14 +128,16 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
         _draw_ends(axes, picture, lowest)
         axes.set(xlim=(km[0], km[-1]), ylim=(lowest, rows[0]), ylabel="Depth [m]")
     panels[-1].set_xlabel("Horizontal range [km]")
-    figure.colorbar(mesh, ax=panels.tolist(), label="Sound speed [m/s]", pad=0.015, aspect=30)
+    bar = {"location": "bottom", "pad": 0.02} if narrow else {"pad": 0.015}
+    figure.colorbar(mesh, ax=panels.tolist(), label="Sound speed [m/s]", aspect=30, **bar)
     style.common_legend(figure, handles, handlelength=2.4)
-    for axes, title in zip(panels, titles, strict=True):
-        axes.set_title(style.plain(title), loc="left")
-    style.freeze_layout(figure)  # which must be known to measure the exaggeration
-    for axes, title in zip(panels, titles, strict=True):
-        words = style.plain(title)
-        axes.set_title(f"{words}, vertical exaggeration {_exaggeration(axes):.2g}", loc="left")
+    # the exaggeration is known after the layout, in which its words have room
+    words = [f"{style.plain(title)}, vertical exaggeration" for title in titles]
+    for axes, title in zip(panels, words, strict=True):
+        axes.set_title(style.fitting(axes, f"{title} 0.00"), loc="left")
+    style.freeze_layout(figure)
+    for axes, title in zip(panels, words, strict=True):
+        axes.set_title(style.fitting(axes, f"{title} {_exaggeration(axes):.2g}"), loc="left")
     return figure
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from types import SimpleNamespace
 from urllib.parse import unquote
 
@@ -19,6 +20,8 @@ from pymantaray.apps.study.comparison_page import (
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.config import load_study
 from pymantaray.errors import JobError, ReportError
+from pymantaray.pages.folder import PAGE
+from pymantaray.pages.page import Page
 from pymantaray.plotting import drawing as write_module
 
 
@@ -128,6 +131,23 @@ def test_one_page_has_all_figures_and_tables_of_the_paper(
     assert tables == {"Table I", "Table II", "Table III", "Table IV"}
     numbers = " ".join(what for element, what in named if element == "figcaption")
     assert {"1", "2A", "2B", "3", "4", "5", "6", "7", "8"} <= set(numbers.replace(",", " ").split())
+
+
+def test_runs_of_one_mission_share_its_figures_below_a_fold(run_folder, tmp_path, monkeypatch):
+    """The figures of equal missions are equal to the last byte."""
+    monkeypatch.setattr(Page, "files", lambda page, *_: pages.append(page) or {PAGE: b""})
+    pages = []
+    runs = [shutil.copytree(run_folder, tmp_path / name) for name in ("one", "other")]
+    write_comparison(runs, tmp_path / "both")
+    (page,) = pages
+    shown = [picture.name for picture in page.pictures]
+    assert "range_error" in shown
+    assert not {"fleet_layout_1", "fleet_layout_2", "pipeline"} & set(shown)
+    ((_, mission),) = page.more_pictures.items()
+    names = [picture.name for picture in mission]
+    assert "fleet_layout_1" in names
+    assert "fleet_layout_2" not in names
+    assert all("one and other. " in p.caption for p in mission if p.name != "pipeline")
 
 
 def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):

@@ -11,7 +11,6 @@ import pytest
 from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_hex, to_rgba_array
 from matplotlib.contour import ContourSet
-from matplotlib.text import Text
 from refusals import refused
 
 from pymantaray.apps.ocean import figures as ocean_plots
@@ -171,26 +170,6 @@ def test_a_colour_of_sound_speed_is_the_same_in_every_figure(small_figures):
     ]
     assert len(maps) >= 4
     assert all(colours is style.SOUND_SPEED for colours in maps)
-
-
-def test_figures_for_one_column_can_be_read_at_its_width(look, run):
-    """At 84 mm, with letters of at least six points, none of them outside the figure."""
-    specs = {spec.name: spec.column for spec in run_figure_specs(RunResults(run)) if spec.column}
-    assert {"error_over_time", "factor_graph", "fleet_layout"} <= set(specs)
-    for name, draw in specs.items():
-        figure = look.draw(draw())
-        assert figure.get_figwidth() == pytest.approx(84.0 / 25.4), name
-        renderer = figure.canvas.get_renderer()
-        for text in figure.findobj(Text):
-            if text.get_visible() and text.get_text().strip():
-                assert text.get_fontsize() >= 6.0, (name, text)
-        for legend in figure.legends if figure.get_supxlabel() else ():
-            under = figure._supxlabel.get_window_extent(renderer)
-            assert legend.get_window_extent(renderer).y1 <= under.y0, name
-        for text in (*figure.texts, *figure.legends):
-            box = text.get_window_extent(renderer)
-            assert box.x0 >= -1.0, (name, text)
-            assert box.x1 <= figure.bbox.x1 + 1.0, (name, text)
 
 
 def test_depth_has_one_unit_within_a_figure(small_figures):

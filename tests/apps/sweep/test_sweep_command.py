@@ -209,7 +209,12 @@ def collected(monkeypatch, file):
     table = pd.DataFrame({"noise.range_sigma": [0.5, 1.0], "rmse_m": [3.25, 4.5]})
     made = SimpleNamespace(opened=[], netcdf=[], pages=[], table=table, data=xr.Dataset())
     results = SimpleNamespace(
-        sweep=sweep, notes=["a note"], table=lambda: table, dataset=lambda: made.data
+        sweep=sweep,
+        notes=["a note"],
+        table=lambda: table,
+        dataset=lambda: made.data,
+        synthetic=True,
+        origin={"versions": ["1"]},
     )
     monkeypatch.setattr(f"{COMMAND}.open_sweep", lambda where: made.opened.append(where) or results)
     monkeypatch.setattr("pymantaray.records.write_netcdf", lambda *a: made.netcdf.append(a))
@@ -228,6 +233,7 @@ def test_every_option_reaches_the_table_of_the_folder(mantaray, collected):
     assert collected.netcdf == [(collected.data, Path("here/table.nc"))]
     fields = ["noise.range_sigma", "mission.ping_interval_h"]
     title = {"title": "quick", "notes": ["a note"]}
+    title |= {"synthetic": True, "origin": {"versions": ["1"]}}
     assert collected.pages == [(collected.table, fields, "here", title)]
 
 

@@ -14,6 +14,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.apps.study import open_run, run_study
+from pymantaray.apps.study.page import SYNTHETIC_NOTE
 from pymantaray.apps.sweep import Sweep, run_sweep, stages, tasks
 from pymantaray.apps.sweep.estimate import cost_of, estimate, known_cost
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_name
@@ -174,12 +175,33 @@ def test_a_point_that_fails_is_a_result_and_the_others_go_on(
     page = write_sweep_page(table, ["noise.range_sigma"], tmp_path, title="far", notes=["note"])
     data = json.loads(page.explorer.data)
     as_stored({"facts": page.facts, "notes": page.notes, "data": data}, name="page")
+    assert (page.origin, page.citation) == ([], None)
     assert table["error"].tolist() == ["", "", "", "", line, line]
     assert np.isnan(table["mean_m"].iloc[-1])
     run_sweep(far, tmp_path / "out")
     assert counted[FLEET] == 2  # nor by another run
     run_sweep(far, tmp_path / "out", retry_failed=True)
     assert counted[FLEET] == 3
+
+
+def test_the_page_of_a_sweep_says_its_water_origin_and_citation(
+    here, noises, tmp_path, monkeypatch
+):
+    results = run_sweep(noises(2), tmp_path / "out")
+    assert [content["synthetic"] for content in results.contents] == [True, True]
+    assert results.synthetic
+    monkeypatch.setattr(Page, "write", lambda page, _: page)
+    more = {"synthetic": results.synthetic, "origin": results.origin}
+    page = write_sweep_page(results.table(), ["noise.range_sigma"], tmp_path, title="x", **more)
+    assert page.notes[0] == SYNTHETIC_NOTE
+    (origin,) = page.origin
+    rows = dict(origin.frame.to_numpy().tolist())
+    assert rows["versions"] == results.contents[0]["version"]
+    assert any("noise.range_sigma" in name for name in rows)
+    words, bibtex = page.citation
+    assert "2 points" in words
+    assert "@software{mantaray," in bibtex
+    assert "http" not in bibtex
 
 
 def test_what_nobody_foresaw_is_a_result_with_its_traceback(here, noises, tmp_path, monkeypatch):

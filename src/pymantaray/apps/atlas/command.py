@@ -25,7 +25,7 @@ from pymantaray.cli.options import (
     WaterOptions,
     parse_duration,
 )
-from pymantaray.cli.output import check_output, counted_progress
+from pymantaray.cli.output import check_output, counted_progress, resumable
 from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
 
@@ -173,7 +173,10 @@ def run(
         count = atlas.links.count
         printed.line(f"{rows} x {columns} columns, {instants}, {count} links each; {blocks}")
         printed.add(columns_lat=rows, columns_lon=columns, instants=n, links=count)
-        with counted_progress("blocks", quiet=printing.quiet) as progress:
+        with (
+            resumable(lambda: "the same command resumes with the blocks that are not finished"),
+            counted_progress("blocks", quiet=printing.quiet) as progress,
+        ):
             run_atlas(
                 atlas,
                 out.out,

@@ -27,6 +27,7 @@ _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
 _UNUSED = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
 _LINE_STYLES = {"circle": "-", "cross": "--", "line": ":", "rose": "-.", "lines": (0, (5, 1, 1, 1))}
+_DIGITS = 6  # of a number in the provenance; the file has all
 _CORNERS = 180  # of an ellipse
 
 
@@ -53,8 +54,8 @@ def write_location_page(
     notes : list of str, optional
         Lines for the top of the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
-        as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
+        for one column of a journal as ``84mm``; tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
@@ -110,8 +111,19 @@ def _page(
             "NetCDF": "location.nc",
             "positions with covariance": CAMPAIGN_FILE,
         },
-        origin=[origin_table(record, "Options", "locate.json")],
+        origin=[
+            origin_table(record | {"model": _rounded(record["model"])}, "Options", "locate.json")
+        ],
     )
+
+
+def _rounded(content: Any) -> Any:
+    """Nested record with numbers of `_DIGITS` significant digits, for the page."""
+    if isinstance(content, dict):
+        return {name: _rounded(item) for name, item in content.items()}
+    if isinstance(content, list | tuple):
+        return [_rounded(item) for item in content]
+    return float(f"{content:.{_DIGITS}g}") if isinstance(content, float) else content
 
 
 def _fact(location: Location) -> str:
@@ -159,37 +171,36 @@ def _cards(location: Location) -> list[Card]:
 def _figure_specs(location: Location) -> list[FigureSpec]:
     header = _fact(location)
     specs = [
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "survey_map",
             "Pings coloured by residual, nodes with their 95 % ellipses, prior positions, and"
             " mirrored positions of nodes whose pings lie along one line."
             " Right: ellipses and prior positions of each node about its estimate.",
-            lambda: survey_map(location, header),
+            partial(survey_map, location, header),
         ),
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "residuals",
             "Residuals of the used pings, measured minus predicted, over time, azimuth from the"
             " node and horizontal range.",
-            lambda: residual_panels(location, header),
+            partial(residual_panels, location, header),
         ),
     ]
     if len(location.sound_speed):
         specs.append(
-            FigureSpec(
+            FigureSpec.of_both_widths(
                 "sound_speed",
                 "Mean sound speed along the rays minus that of the profile, with its 95 %"
                 " interval.",
-                lambda: speed_over_time(location, header),
+                partial(speed_over_time, location, header),
             )
         )
     return specs
 
 
 @style.styled
-def survey_map(location: Location, header: str) -> Figure:
+def survey_map(location: Location, header: str, width: float = style.DOUBLE) -> Figure:
     """Pings, nodes, ellipses and prior positions."""
-    figure = style.new_figure(style.DOUBLE, 3.6, header)
-    overview, detail = figure.subplots(1, 2)
+    figure, (overview, detail) = style.panel_figure(width, header, 2, height=3.6, stacked=3.0)
     pings = location.pings[location.solution.used & ~location.survey.between_nodes]
     size = _MICRO * pings["residual_s"]
     limit = float(np.percentile(size.abs(), 95.0)) if len(size) else 1.0
@@ -214,8 +225,8 @@ def survey_map(location: Location, header: str) -> Figure:
     colours = style.vehicle_colours(len(nodes))
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
     for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
-        points = ellipse_points(row, _CORNERS)
-        north, east = np.vstack([points, points[:1]]).T
+        corners = ellipse_points(row, _CORNERS)
+        north, east = np.vstack([corners, corners[:1]]).T
         detail.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
         detail.plot(
             row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour
@@ -262,10 +273,9 @@ def _draw_nodes(axes: Axes, location: Location) -> None:
 
 
 @style.styled
-def residual_panels(location: Location, header: str) -> Figure:
+def residual_panels(location: Location, header: str, width: float = style.DOUBLE) -> Figure:
     """Residuals against time, azimuth and range."""
-    figure = style.new_figure(style.DOUBLE, 2.8, header)
-    panels = figure.subplots(1, 3, sharey=True)
+    figure, panels = style.panel_figure(width, header, 3, height=2.8, stacked=1.9, sharey=True)
     pings = location.pings[location.solution.used]
     axes_of = (
         ("time_s", 1.0 / 3600.0, "Time [h]"),
@@ -290,17 +300,17 @@ def residual_panels(location: Location, header: str) -> Figure:
         axes.axhline(0.0, color=style.INK, linewidth=0.7)
         axes.set_xlabel(label)
         style.panel_title(axes, letter, "over " + label.split(" [")[0].lower())
-    panels[0].set_ylabel("Residual [µs]")
+    for axes in panels if width == style.COLUMN else panels[:1]:
+        axes.set_ylabel("Residual [µs]")
     if len(names) <= _MAX_NODES:
         style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
     return figure
 
 
 @style.styled
-def speed_over_time(location: Location, header: str) -> Figure:
+def speed_over_time(location: Location, header: str, width: float = style.DOUBLE) -> Figure:
     """Sound speed against time with its interval."""
-    figure = style.new_figure(style.DOUBLE, 2.2, header)
-    axes = figure.subplots()
+    figure, (axes,) = style.panel_figure(width, header, 1, height=2.2, stacked=2.0)
     table = location.sound_speed
     hours = table["time_s"] / 3600.0
     half = 1.96 * table["sigma_m_s"]

@@ -51,13 +51,14 @@ def other_objective(results: PlanResults) -> str:
 
 
 @style.styled
-def front_figure(results: PlanResults, header: str) -> Figure:
+def front_figure(results: PlanResults, header: str, width: float = style.DOUBLE) -> Figure:
     """
     Error of all designs against cost or lost links, with the front and the near-optimal designs.
     """
     several = len(results.base) > 1
-    figure = style.new_figure(style.DOUBLE if several else 1.4 * style.COLUMN, 3.0, header)
-    panels = np.atleast_1d(figure.subplots(1, 1 + several, sharey=True))
+    figure, panels = style.panel_figure(
+        width, header, 1 + several, height=3.0, stacked=2.4, sharey=True
+    )
     x = other_objective(results)
     for axes, before, words, letter in zip(
         panels,
@@ -116,20 +117,29 @@ def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
         base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4
     )  # visible behind the best
     axes.margins(0.08)
-    axes.set_ylim(bottom=0.0)
 
 
 @style.styled
-def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+def map_figure(
+    details: Mapping[str, DesignDetail], header: str, width: float = style.DOUBLE
+) -> Figure:
     """
     Mission of the best design in plan and depth, with the landmarks and stations of the other
     designs.
     """
     (_, best), *others = details.items()
-    figure = style.new_figure(style.DOUBLE, 3.4, header, layout=None)
     places = _moved(best, [detail for _, detail in others])
-    low = 0.26 if any(len(points) for points in places) else 0.14  # room for the legend
-    plan, depth = (figure.add_axes((left, low, 0.4, 0.87 - low)) for left in (0.08, 0.58))
+    keyed = any(len(points) for points in places)
+    if width == style.COLUMN:
+        room = 0.15 * sum(len(points) > 0 for points in places)  # for the legend [in]
+        figure = style.new_figure(width, 5.6 + room, header, layout=None)
+        high = figure.get_figheight()
+        rows = ((2.95 + room, 2.3), (0.5 + room, 1.8))  # lower edges and heights [in]
+        plan, depth = (figure.add_axes((0.16, y / high, 0.8, h / high)) for y, h in rows)
+    else:
+        figure = style.new_figure(width, 3.4, header, layout=None)
+        low = 0.26 if keyed else 0.14  # room for the legend
+        plan, depth = (figure.add_axes((left, low, 0.4, 0.87 - low)) for left in (0.08, 0.58))
     colours = style.vehicle_colours(best.truth.name.size)
     draw_plan(plan, best.truth, best.measurements, colours)
     draw_depths(depth, best.truth, colours)
@@ -199,12 +209,13 @@ def _places(detail: DesignDetail) -> dict[str, Array]:
 
 
 @style.styled
-def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+def time_figure(
+    details: Mapping[str, DesignDetail], header: str, width: float = style.DOUBLE
+) -> Figure:
     """
     95 % position error of a few designs over time; shaded up to the water with the largest error.
     """
-    figure = style.new_figure(style.COLUMN, 2.9, header)
-    axes = figure.subplots()
+    figure, (axes,) = style.panel_figure(width, header, 1, height=2.9, stacked=2.3)
     widths = np.linspace(2.7, 0.9, len(details))  # a curve does not hide another on its place
     # colours of designs: orange for the best, grey for the study as it is
     names = list(details)
@@ -218,11 +229,11 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
         details.items(),
         strict=True,
     )
-    for colour, width, (name, detail) in looks:
+    for colour, line_width, (name, detail) in looks:
         axes.plot(
             detail.hours,
             detail.error_m,
-            linewidth=width,
+            linewidth=line_width,
             marker="o",
             markersize=2.5,
             color=colour,
@@ -244,18 +255,22 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
 
 
 @style.styled
-def pairs_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+def pairs_figure(
+    details: Mapping[str, DesignDetail], header: str, width: float = style.DOUBLE
+) -> Figure:
     """
     Share of lost ranges of each pair of participants in the best design and in the study as it is.
     """
     (name, best), *others = details.items()
     shown = [(name, best), *(pair for pair in others if pair[0] == AS_IT_IS)]
-    figure = style.new_figure(style.DOUBLE, 3.4, header)
-    panels = np.atleast_1d(figure.subplots(1, len(shown)))
+    figure, panels = style.panel_figure(width, header, len(shown), height=3.4, stacked=3.0)
     for k, (axes, (words, detail)) in enumerate(zip(panels, shown, strict=True)):
         image = _draw_pairs(axes, detail)
         style.panel_title(axes, style.letter(k), style.plain(style.short(words)))
-    figure.colorbar(image, ax=panels.tolist(), label="Lost ranges [%]", shrink=0.8)
+    bar: dict[str, Any] = {"shrink": 0.8}
+    if width == style.COLUMN:
+        bar |= {"location": "bottom", "fraction": 0.04, "aspect": 30}
+    figure.colorbar(image, ax=panels, label="Lost ranges [%]", **bar)
     return figure
 
 
@@ -275,10 +290,10 @@ def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
                     f"{lost:.0f}",
                     ha="center",
                     va="center",
-                    fontsize=5.5,
+                    fontsize=6.0,
                     color="white" if lost > 50.0 else style.INK,
                 )
-    labels = [style.plain(style.short(name, 8)) for name in names]
+    labels = [style.plain(name) for name in style.shortened(names, 8)]
     axes.set_xticks(
         range(len(names)), labels, rotation=90 if max(map(len, labels)) > 2 else 0, fontsize=6.0
     )

@@ -2,13 +2,14 @@
 Page of a plan: front, map, errors over time and lost links of the best designs, and all designs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from pymantaray.apps.plan import PlanResults, figures
 from pymantaray.apps.plan.detail import DesignDetail, detail_of
@@ -46,8 +47,8 @@ def write_plan_page(
     made_by : dict, optional
         Origin of the results, such as version and command, for ``plan.json`` and the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
-        as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
+        for one column of a journal as ``84mm``; tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
@@ -242,13 +243,13 @@ def _figure_specs(results: PlanResults, details: Mapping[str, DesignDetail]) -> 
         "lost_by_pair": "Expected share of lost ranges of each pair of participants, both"
         " directions together. Empty: no attempts.",
     }
-    drawings = {
-        "front": lambda: figures.front_figure(results, header),
-        "map": lambda: figures.map_figure(details, header),
-        "error_over_time": lambda: figures.time_figure(details, header),
-        "lost_by_pair": lambda: figures.pairs_figure(details, header),
+    drawings: dict[str, Callable[[float], Figure]] = {
+        "front": partial(figures.front_figure, results, header),
+        "map": partial(figures.map_figure, details, header),
+        "error_over_time": partial(figures.time_figure, details, header),
+        "lost_by_pair": partial(figures.pairs_figure, details, header),
     }
     return [
-        FigureSpec(name, with_source(captions[name], synthetic=synthetic), d)
+        FigureSpec.of_both_widths(name, with_source(captions[name], synthetic=synthetic), d)
         for name, d in drawings.items()
     ]

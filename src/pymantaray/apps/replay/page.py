@@ -59,8 +59,8 @@ def write_replay(
     made_by : dict, optional
         Origin of the results, such as version and command, for ``replay.json`` and the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
-        as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
+        for one column of a journal as ``84mm``; tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
@@ -160,41 +160,43 @@ def _cards(replay: Replay) -> list[Card]:
 def _figure_specs(replay: Replay) -> list[FigureSpec]:
     header = f"{len(replay.events):,} events, rule {replay.rule}"
     return [
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "residual_range",
             "Residual of each event, measured minus predicted, over straight distance; colours are"
             " the bounces of the predicted arrival. Lines: median of each range class with its 95"
             " % interval over pairs.",
-            lambda: residuals_over_range(replay.events, replay.summary, header),
+            partial(residuals_over_range, replay.events, replay.summary, header),
         ),
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "residual_time",
             f"Residuals over time of the {_MAX_PAIRS} pairs with most events; one colour per"
             " direction. A step between two levels is a change of candidate; a gap between the"
             " directions is twice the difference of the clocks.",
-            lambda: residuals_over_time(replay.events, header),
+            partial(residuals_over_time, replay.events, header),
         ),
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "residual_histogram",
             "Distribution of residuals: of the predicted arrivals without correction, and of the"
             f" candidate nearest to each event with corrected clocks; the middle {_BEYOND:g} % of"
             " each.",
-            lambda: residual_histograms(replay.events, replay.taken, header),
+            partial(residual_histograms, replay.events, replay.taken, header),
         ),
-        FigureSpec(
+        FigureSpec.of_both_widths(
             "coverage",
             "Events by range, depths and pair: share with a predicted arrival, and reasons for its"
             " absence.",
-            lambda: coverage_bars(replay.summary, header),
+            partial(coverage_bars, replay.summary, header),
         ),
     ]
 
 
 @style.styled
-def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: str) -> Figure:
+def residuals_over_range(
+    events: pd.DataFrame, summary: pd.DataFrame, header: str, width: float = style.DOUBLE
+) -> Figure:
     """Residuals against distance by bounces: all residuals, and their middle part."""
-    figure = style.new_figure(style.DOUBLE, 3.0, header)
-    overview, middle = figure.subplots(1, 2, sharex=True)
+    figure, panels = style.panel_figure(width, header, 2, height=3.0, stacked=2.2, sharex=True)
+    overview, middle = panels
     rows = events[events["residual_m"].notna()]
     if rows.empty:
         style.note(overview, "no event has a predicted arrival")
@@ -236,7 +238,8 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         linewidth=1.0,
     )
     middle.set_ylim(-limit, limit)
-    overview.set_ylabel("Residual [m]")
+    for axes in panels if width == style.COLUMN else panels[:1]:
+        axes.set_ylabel("Residual [m]")
     style.panel_title(overview, "a", "all events")
     style.panel_title(middle, "b", "middle nine tenths")
     style.common_legend(figure, overview.get_legend_handles_labels()[0], markerscale=3)
@@ -244,13 +247,14 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
 
 
 @style.styled
-def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
+def residuals_over_time(events: pd.DataFrame, header: str, width: float = style.DOUBLE) -> Figure:
     """Residuals of each pair against time."""
     rows = events[events["residual_s"].notna()]
     pairs = rows["pair"].value_counts(sort=True).index[:_MAX_PAIRS].sort_values()
-    lines = max(-(-len(pairs) // 3), 1)
-    figure = style.new_figure(style.DOUBLE, 0.5 + 1.35 * lines, header)
-    panels = figure.subplots(lines, 3, sharex=True, squeeze=False)
+    columns = 3 if width > style.COLUMN else 2
+    lines = max(-(-len(pairs) // columns), 1)
+    figure = style.new_figure(width, 0.5 + 1.35 * lines, header)
+    panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
     for axes in panels.flat[len(pairs) :]:
         axes.set_visible(False)
     hours = rows["time_s"] / 3600.0
@@ -271,7 +275,7 @@ def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
         axes.set_ylabel("Residual [ms]")
     for axes in panels[-1]:
         axes.set_xlabel("Time [h]")
-    for column in range(3):
+    for column in range(columns):
         visible = [axes for axes in panels[:, column] if axes.get_visible()]
         if visible:
             visible[-1].set_xlabel("Time [h]")
@@ -289,10 +293,11 @@ def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
 
 
 @style.styled
-def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) -> Figure:
+def residual_histograms(
+    events: pd.DataFrame, taken: pd.DataFrame, header: str, width: float = style.DOUBLE
+) -> Figure:
     """Histograms of the residuals of predicted arrivals and of selected candidates."""
-    figure = style.new_figure(style.DOUBLE, 2.5, header)
-    raw, clean = figure.subplots(1, 2)
+    figure, (raw, clean) = style.panel_figure(width, header, 2, height=2.5, stacked=2.1)
     for axes, letter, words, values in (
         (raw, "a", "predicted arrival", 1e3 * events["residual_s"].dropna()),
         (
@@ -318,12 +323,14 @@ def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) 
 
 
 @style.styled
-def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
+def coverage_bars(summary: pd.DataFrame, header: str, width: float = style.DOUBLE) -> Figure:
     """Share of the events of each group with a predicted arrival, and reasons for its absence."""
     kinds = ("range", "depths", "pair")
     sizes = [min(int((summary["by"] == kind).sum()), 24) for kind in kinds]
-    figure = style.new_figure(style.DOUBLE, 0.9 + 0.16 * max(sizes), header)
-    panels = figure.subplots(1, 3)
+    heights = [0.75 + 0.16 * max(size, 1) for size in sizes]
+    figure, panels = style.panel_figure(
+        width, header, 3, height=0.9 + 0.16 * max(sizes), stacked=heights
+    )
     others = [name for name in _STATUS_STYLES if name in summary.columns]
     for axes, kind, letter in zip(panels, kinds, "abc", strict=True):
         part = summary[summary["by"] == kind].nlargest(24, "events").sort_index()

@@ -24,7 +24,14 @@ from pymantaray.cli.options import (
     changes_of,
     format_names,
 )
-from pymantaray.cli.output import EXIT_UNUSABLE, STARTED, duration, progress_bars, write_new
+from pymantaray.cli.output import (
+    EXIT_UNUSABLE,
+    STARTED,
+    duration,
+    progress_bars,
+    resumable,
+    write_new,
+)
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
 
@@ -189,6 +196,16 @@ def run(
         _open(folder / PAGE)
 
 
+def _how_to_resume(out: Path | None) -> str:
+    """Words about the parts of an interrupted run that are saved."""
+    if out is None:
+        return "nothing is saved; a run with --out NAME resumes with the same command"
+    saved = out.with_name(f"{out.name}.unfinished")
+    if saved.is_dir():
+        return f"the same command resumes from {saved}"
+    return "nothing is saved in the first half minute; the same command starts again"
+
+
 def run_and_report(
     config: "StudyConfig",
     out: Path | None,
@@ -216,13 +233,14 @@ def run_and_report(
     with progress_bars(
         quiet=quiet, stages=["ocean", "fleet", "rays", *solving, "files", *drawing]
     ) as progress:
-        results = run_study(
-            config,
-            out,
-            workers=workers,
-            progress=progress,
-            mission_ready=None if report is None else report.begin,
-        )
+        with resumable(lambda: _how_to_resume(out)):
+            results = run_study(
+                config,
+                out,
+                workers=workers,
+                progress=progress,
+                mission_ready=None if report is None else report.begin,
+            )
         complete = perf_counter()
         failures: list[str] = []
         if report is not None:

@@ -14,13 +14,18 @@ _ROW = 0.19  # height of a line [in]
 
 @style.styled
 def quantiles_by_run(
-    values: Mapping[str, Mapping[str, Array]], header: str, label: str, *, log: bool
+    values: Mapping[str, Mapping[str, Array]],
+    header: str,
+    label: str,
+    *,
+    log: bool,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """Quantiles of several kinds of values, one panel per kind and one line per run."""
     runs = list(next(iter(values.values())))
-    columns = min(len(values), _COLUMNS)
+    columns = min(len(values), _COLUMNS if width > style.COLUMN else 1)
     rows = -(-len(values) // columns)
-    figure = style.new_figure(style.DOUBLE, 0.45 + rows * (0.4 + _ROW * len(runs)), header)
+    figure = style.new_figure(width, 0.45 + rows * (0.4 + _ROW * len(runs)), header)
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     colours = style.vehicle_colours(len(runs))
     for i, (axes, (title, by_run)) in enumerate(zip(grid.flat, values.items(), strict=False)):

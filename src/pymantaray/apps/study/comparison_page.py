@@ -81,7 +81,9 @@ _ONE_QUANTITY = (
     "range_error_split",
     "ate_run_difference",
 )  # tables; rows of the others differ in theirs
-_NewSpec = Callable[[str, str, Callable[[], Figure]], FigureSpec]  # of name, caption and drawing
+_NewSpec = Callable[
+    [str, str, Callable[[float], Figure]], FigureSpec
+]  # of name, caption and drawing
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
@@ -125,8 +127,8 @@ def write_comparison(
         New or empty folder for the comparison. Default: a folder in ``runs`` with the date in its
         name.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
-        as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
+        for one column of a journal as ``84mm``; tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
@@ -298,14 +300,14 @@ def _error_distributions(
             " quartiles dashed."
         )
         panels = [ApePanel(run, results.errors, log=log) for run, results in runs.items()]
-        return spec(name, caption, lambda: pooled_ape(panels, header))
+        return spec(name, caption, lambda width: pooled_ape(panels, header, width=width))
 
     ranges = spec(
         "range_error",
         f"Signed range error, refracted minus straight, in {which}: mean (orange), zero"
         " (dashed) and fitted normal (black).",
-        lambda: range_error_histogram(
-            [(name, results.ranges.total) for name, results in runs.items()], header
+        lambda width: range_error_histogram(
+            [(name, results.ranges.total) for name, results in runs.items()], header, width=width
         ),
     )
     position = [
@@ -323,15 +325,15 @@ def _error_quantiles(
     position = spec(
         "ape_pooled",
         f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
-        lambda: quantiles_by_run(
-            _position_errors(runs), header, "Absolute position error [m]", log=True
+        lambda width: quantiles_by_run(
+            _position_errors(runs), header, "Absolute position error [m]", log=True, width=width
         ),
     )
     ranges = spec(
         "range_error",
         f"Signed range error, refracted minus straight, and its two parts in {which}:"
         f" {_QUANTILES}.",
-        lambda: quantiles_by_run(
+        lambda width: quantiles_by_run(
             {
                 label: {name: getattr(r.ranges, part) for name, r in runs.items()}
                 for label, part in (
@@ -343,6 +345,7 @@ def _error_quantiles(
             header,
             "Range error [m]",
             log=False,
+            width=width,
         ),
     )
     return [position], ranges
@@ -356,13 +359,9 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
     synthetic = any(results.synthetic for results in runs.values())
     few = len(runs) <= _MAX_RUNS_BESIDE
 
-    def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
-        return FigureSpec(
-            name,
-            with_source(caption, synthetic=synthetic),
-            draw,
-            _FIGURES_OF_PAPER[name] if few else "",
-        )
+    def spec(name: str, caption: str, draw: Callable[[float], Figure]) -> FigureSpec:
+        words = with_source(caption, synthetic=synthetic)
+        return FigureSpec.of_both_widths(name, words, draw, _FIGURES_OF_PAPER[name] if few else "")
 
     draw_errors = _error_distributions if few else _error_quantiles
     position, ranges = draw_errors(runs, header, spec)
@@ -373,7 +372,7 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
             "sound_speed",
             f"Sound speed against depth in {which}: mean of each level over the domain (line),"
             " least to greatest (shaded).",
-            lambda: sound_speed_profiles(_profiles(runs), header),
+            lambda _: sound_speed_profiles(_profiles(runs), header),
         ),
         *(_of_each(runs) if few else []),
     ]
@@ -464,11 +463,36 @@ def _page(
         links={f"Run {name}": _page_of(r) for name, r in runs.items()},
         first_tables=first,
         explorer=_explorer(runs, tables["configuration"].frame),
-        pictures=pictures,
+        pictures=[p for p in pictures if not _of_one(p)],
+        more_pictures={"Mission of each run": _shared(runs, pictures)}
+        if len(runs) <= _MAX_RUNS_BESIDE
+        else None,
         tables=others,
         citation=citation_of(list(runs.values())),
         cite="Cite these runs",
     )
+
+
+def _of_one(picture: Picture) -> bool:
+    """True for a figure of one run's mission."""
+    return picture.name.rpartition("_")[0] in _OF_EACH or picture.name == "pipeline"
+
+
+def _shared(runs: Mapping[str, RunResults], pictures: Sequence[Picture]) -> list[Picture]:
+    """Figures of the runs' missions; those of runs with the same figure are one."""
+    same: dict[tuple[str, bytes], list[Picture]] = {}
+    for picture in filter(_of_one, pictures):
+        figure = picture.name.rpartition("_")[0]  # without the number of the run
+        same.setdefault((figure, picture.files["png"]), []).append(picture)
+    names = shortened(list(runs))
+    shared = []
+    for first, *others in same.values():
+        caption = first.caption
+        if others:
+            which = in_words([names[int(p.name.rpartition("_")[2]) - 1] for p in (first, *others)])
+            caption = f"{which}. {caption.removeprefix(f'{names[0]}. ')}"
+        shared.append(first._replace(caption=caption))
+    return shared
 
 
 def _page_of(results: RunResults) -> Path:

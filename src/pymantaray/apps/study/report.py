@@ -34,8 +34,8 @@ def write_report(
     run_dir : str or pathlib.Path
         Folder of a run.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
-        as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
+        for one column of a journal as ``84mm``; tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 

@@ -18,7 +18,7 @@ from pymantaray.cli.options import (
     Set,
     changes_of,
 )
-from pymantaray.cli.output import check_output, counted_progress, duration
+from pymantaray.cli.output import check_output, counted_progress, duration, resumable
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -160,7 +160,10 @@ def run(
         run_sweep,
     )  # the import takes seconds, so the file is read first
 
-    with counted_progress("points", quiet=printing.quiet) as progress:
+    with (
+        resumable(lambda: f"the same command resumes with the points that are not in {out}"),
+        counted_progress("points", quiet=printing.quiet) as progress,
+    ):
         results = run_sweep(
             sweep,
             out,
@@ -229,7 +232,13 @@ def collect(
 
         fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
         written = write_sweep_page(
-            results.table(), fields, folder, title=results.sweep.name, notes=results.notes
+            results.table(),
+            fields,
+            folder,
+            title=results.sweep.name,
+            notes=results.notes,
+            synthetic=results.synthetic,
+            origin=results.origin,
         )
         typer.echo(str(written))
 

@@ -77,6 +77,7 @@ class Point(BaseModel):
     key: str
     version: str
     notes: list[str]
+    synthetic: bool = False
     conditions: dict[str, dict[str, Value]]
     links: dict[str, Value]
     seconds: dict[str, float]

@@ -1,13 +1,19 @@
 """Page of a sweep, with an interactive plot of all results over all swept fields."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import pandas as pd
 
+from pymantaray.apps.study.page import SYNTHETIC_NOTE
+from pymantaray.apps.study.references import MANTARAY
+from pymantaray.apps.sweep.keys import SWEEP
 from pymantaray.apps.sweep.results import point_table
 from pymantaray.config.settings import key_heading
-from pymantaray.pages.page import Page, table_explorer
+from pymantaray.pages.page import Page, origin_table, table_explorer
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
@@ -19,6 +25,8 @@ def write_sweep_page(
     *,
     title: str,
     notes: Sequence[str] = (),
+    synthetic: bool = False,
+    origin: Mapping[str, Any] = MappingProxyType({}),
 ) -> Path:
     """
     Write the page of a sweep into a folder.
@@ -35,6 +43,10 @@ def write_sweep_page(
         Name of the sweep.
     notes : sequence of str
         Notes of the readers of its points, `SweepResults.notes`.
+    synthetic : bool
+        True if the ocean of some point is synthetic, `SweepResults.synthetic`.
+    origin : mapping
+        Versions and definition for the provenance and the citation, `SweepResults.origin`.
 
     Returns
     -------
@@ -71,8 +83,25 @@ def write_sweep_page(
                 f" {', '.join(f'{n} {state}' for state, n in states.items())}"
             )
         ],
-        notes=[*notes, *(f"{count} failed: {line}" for line, count in failures.items())],
+        notes=[
+            *([SYNTHETIC_NOTE] if synthetic else []),
+            *notes,
+            *(f"{count} failed: {line}" for line, count in failures.items()),
+        ],
         explorer=explorer,
         tables=[point_table(table, fields)],
+        made=["Repeat with: mantaray sweep run sweep.toml --out FOLDER"] if origin else [],
+        origin=[origin_table(dict(origin), "Sweep", SWEEP)] if origin else [],
+        citation=_citation(title, len(table["point"].unique()), origin) if origin else None,
+        cite="Cite this sweep",
     )
     return page.write(folder)
+
+
+def _citation(title: str, points: int, origin: Mapping[str, Any]) -> tuple[str, str]:
+    """Citation of a sweep, as text and as BibTeX."""
+    versions = ", ".join(origin.get("versions", [])) or "unknown"
+    words = f"Sweep over {title}, {points} points, made with MantaRay, version {versions}."
+    fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
+    fields |= {"version": versions, "note": f"sweep over {title}, {points} points"}
+    return words, replace(MANTARAY, fields=fields).bibtex

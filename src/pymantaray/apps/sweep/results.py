@@ -1,5 +1,6 @@
 """Results of a sweep: its progress, and one table of all points."""
 
+import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
@@ -75,6 +76,17 @@ class SweepResults:
     def notes(self) -> list[str]:
         """Notes of the readers of all finished points, each once."""
         return list(dict.fromkeys(n for content in self.contents for n in content.get("notes", [])))
+
+    @property
+    def synthetic(self) -> bool:
+        """True if the ocean of some finished point is synthetic."""
+        return any(content.get("synthetic", False) for content in self.contents)
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """Versions of MantaRay that computed the points, and the definition of the sweep."""
+        versions = dict.fromkeys(c["version"] for c in self.contents if "version" in c)
+        return {"versions": list(versions), "sweep": tomllib.loads(self.sweep.to_toml())}
 
     def _repr_html_(self) -> str:
         """HTML for a notebook: numbers of finished, failed and unfinished points, and the table."""

@@ -107,7 +107,7 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
     notes = [*ocean_notes(run.ocean.attrs), *fleet_notes(study, run.ocean.attrs)]
     notes += estimator_notes(run)
     origin = {"key": task.key, "version": task.version, "notes": notes}
-    return {**origin, **summary, "seconds": seconds}
+    return {**origin, "synthetic": run.synthetic, **summary, "seconds": seconds}
 
 
 def summarize_point(run: Run) -> dict[str, Any]:

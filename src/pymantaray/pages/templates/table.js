@@ -47,6 +47,7 @@ start((data) => {
     const shown = shownRows();
     const groups = each ? known(each) : [null];
     const lines = data.lines && isNumber(across);
+    at("per").textContent = lines ? "One line per" : "One colour per";
     const [inLegend, onAxis] = [groups, isNumber(across) ? [] : known(across)].map((names) => namesInFigure(names));
     const title = (name) => namesInFigure([label(name)]).get(label(name));
     const traces = groups.map((group, g) => {

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
 
-from pymantaray.apps.study.figures.register import register
+from pymantaray.apps.study.figures.register import both_widths, register
 from pymantaray.apps.study.tables import RunTables
 from pymantaray.arrays import Array
 from pymantaray.evaluation.ping_error import BASELINE
@@ -33,7 +34,12 @@ _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithm
 
 @style.styled
 def error_and_consistency(
-    errors: pd.DataFrame, at_pings: pd.DataFrame, consistency: pd.DataFrame | None, header: str
+    errors: pd.DataFrame,
+    at_pings: pd.DataFrame,
+    consistency: pd.DataFrame | None,
+    header: str,
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """
     RMSE of the position at all times and at pings, and NEES of the fleet if it exists, with one
@@ -43,8 +49,10 @@ def error_and_consistency(
     """
     names = list(errors["condition"])
     panels = 2 if consistency is None else 3
-    figure = style.new_figure(style.DOUBLE, 1.0 + _ROW * len(names), header)
-    grid = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
+    rows = _ROW * len(names)
+    figure, grid = style.panel_figure(
+        width, header, panels, height=1.0 + rows, stacked=0.75 + rows, sharey=True
+    )
     colours = [colour for colour, _ in style.condition_looks(names).values()]
     handles = list[Line2D | Patch]()
     under_water = at_pings.set_index("condition").reindex(names)
@@ -80,7 +88,7 @@ def error_and_consistency(
     for panel in grid:
         panel.grid(visible=False, axis="y")
         style.short_numbers(panel.xaxis)
-    for panel in grid[1:]:
+    for panel in grid[1:] if width > style.COLUMN else ():
         panel.tick_params(axis="y", left=False)
     if panels == 2:
         for panel in grid:
@@ -135,18 +143,25 @@ register(
     " noise; (c) normalized squared error of the fleet's horizontal positions with the covariance"
     " of the estimator, divided by its degrees of freedom: median over the epochs, minimum and"
     " maximum, and the 95 % bounds of a consistent estimator (grey).",
-    draw=lambda r: error_and_consistency(
-        r.tables["ate_pooled"].frame,
-        r.tables["ping_error"].frame,
-        r.tables["consistency_per_epoch"].frame if "consistency_per_epoch" in r.tables else None,
-        r.header,
+    **both_widths(
+        lambda r, width: error_and_consistency(
+            r.tables["ate_pooled"].frame,
+            r.tables["ping_error"].frame,
+            r.tables["consistency_per_epoch"].frame
+            if "consistency_per_epoch" in r.tables
+            else None,
+            r.header,
+            width=width,
+        )
     ),
     needs=lambda r: any(not c.standard for c in r.run.study.conditions),
 )
 
 
 @style.styled
-def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
+def unknowns_before_and_after(
+    table: pd.DataFrame, header: str, *, width: float = style.DOUBLE
+) -> Figure:
     """
     Posterior standard deviation and error of every unknown, divided by its prior standard
     deviation.
@@ -154,9 +169,10 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     conditions = list(dict.fromkeys(table["condition"]))
     names = [table.loc[table["condition"] == name, "unknown"] for name in conditions]
     # names would touch on an axis of the figure's width
-    upright = [len(each) * (int(each.str.len().max()) + 2) > _LEVEL for each in names]
+    level = _LEVEL * width / style.DOUBLE
+    upright = [len(each) * (int(each.str.len().max()) + 2) > level for each in names]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
-    figure = style.new_figure(style.DOUBLE, 0.5 + sum(heights), header)
+    figure = style.new_figure(width, 0.5 + sum(heights), header)
     grid = figure.subplots(len(conditions), 1, sharey=True, squeeze=False)[:, 0]
     after = {
         "color": style.BLUE,
@@ -198,14 +214,20 @@ register(
     " {r.realizations}: posterior standard deviation (blue) and root mean square error (orange),"
     " both divided by the prior standard deviation. On the grey line, the ranges contain no"
     " information.",
-    draw=lambda r: unknowns_before_and_after(_with_prior(r.tables), r.header),
+    **both_widths(
+        lambda r, width: unknowns_before_and_after(_with_prior(r.tables), r.header, width=width)
+    ),
     needs=lambda r: "unknowns" in r.tables and len(_with_prior(r.tables)) > 0,
 )
 
 
 @style.styled
 def consistency_over_time(
-    table: pd.DataFrame, header: str, conditions: Sequence[str] = ()
+    table: pd.DataFrame,
+    header: str,
+    conditions: Sequence[str] = (),
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """
     NEES of the fleet and innovations of its ranges, divided by their degrees of freedom, at the
@@ -217,20 +239,18 @@ def consistency_over_time(
     tested = list(dict.fromkeys(table["condition"]))
     every = style.condition_looks(list(dict.fromkeys([*conditions, *tested])))
     looks = {name: every[name] for name in tested}
-    lines = style.legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
     ratio = np.concatenate([part["ratio"].to_numpy() for part in tables])
     log = bool(ratio.size) and bool(
         ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH
     )
-    rows = 2 if log else 1
-    figure = style.new_figure(style.DOUBLE, 0.75 + 1.6 * rows + 0.14 * lines, header)
-    grid = figure.subplots(rows, len(_PANELS), sharex=True, squeeze=False)
+    figure, grid = _consistency_grid(2 if log else 1, len(looks), header, width)
     for c, (part, (_, title)) in enumerate(zip(tables, _PANELS, strict=True)):
         style.panel_title(grid[0, c], "ab"[c], title)
         for axes in grid[:, c]:
             _draw(axes, part, looks)
-        grid[-1, c].set_xlabel("Time [h]")
+        if width > style.COLUMN or c == len(_PANELS) - 1:
+            grid[-1, c].set_xlabel("Time [h]")
         if log:
             style.panel_title(grid[1, c], "cd"[c], "the same, near the bounds")
             grid[0, c].set_yscale("log")
@@ -267,6 +287,22 @@ def consistency_over_time(
     band = Patch(color=style.BAND, label="95 % bounds")
     style.common_legend(figure, [*handles, band, style.entry("outside its bounds", **outside)])
     return figure
+
+
+def _consistency_grid(
+    rows: int, conditions: int, header: str, width: float
+) -> tuple[Figure, NDArray[Any]]:
+    """
+    Figure with the axes of `consistency_over_time`, rows by statistics; for one column of a
+    journal, all of them are below each other.
+    """
+    count = len(_PANELS)
+    if width == style.COLUMN:
+        figure = style.new_figure(width, 0.5 + 1.5 * rows * count, header)
+        return figure, figure.subplots(rows * count, 1, sharex=True).reshape(rows, count)
+    lines = style.legend_lines(conditions + 2)
+    figure = style.new_figure(width, 0.75 + 1.6 * rows + 0.14 * lines, header)
+    return figure, figure.subplots(rows, count, sharex=True, squeeze=False)
 
 
 def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
@@ -314,8 +350,10 @@ register(
     " innovation of the ranges of a ping, each divided by its degrees of freedom; (c, d), if"
     " present, show the same near the bounds. A consistent estimator has a mean of 1 and lies"
     " within the grey 95 % bounds; empty markers are outside.",
-    draw=lambda r: consistency_over_time(
-        r.tables["consistency_per_epoch"].frame, r.header, list(r.errors)
+    **both_widths(
+        lambda r, width: consistency_over_time(
+            r.tables["consistency_per_epoch"].frame, r.header, list(r.errors), width=width
+        )
     ),
     needs=lambda r: "consistency_per_epoch" in r.tables,
 )

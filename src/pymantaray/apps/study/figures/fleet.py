@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import takewhile
+from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
-from pymantaray.apps.study.figures.register import range_ends, register
+from pymantaray.apps.study.figures.register import both_widths, range_ends, register
 from pymantaray.arrays import Array
 from pymantaray.plotting import style
 from pymantaray.records import Measurements, Trajectories
@@ -23,6 +24,7 @@ _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
 _MAX_NAME_LETTERS = 6  # letters; longer names cover each other
 _LETTER = 0.058  # of a key below a figure: width of a letter and of a mark, a line's height [in]
+_WORDS = 56  # letters of a line of words below the factor graph
 _KEY_MARK = 0.42
 _KEY_LINE = 0.16
 _WAYS = np.array(
@@ -71,13 +73,17 @@ _BELOW = _Layout(
 
 @style.styled
 def fleet_layout(
-    truth: Trajectories, measurements: Measurements, header: str, *, one_column: bool = False
+    truth: Trajectories,
+    measurements: Measurements,
+    header: str,
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """
     Fleet in plan, in depth over time, and in three dimensions; for one column of a journal, with
     the panels below each other.
     """
-    layout = _BELOW if one_column else _BESIDE
+    layout = _BELOW if width == style.COLUMN else _BESIDE
     colours = style.vehicle_colours(truth.name.size)
     key = _key(truth, measurements, colours)
     figure, place = _figure_with_key(layout.width, layout.height, header, key)
@@ -126,6 +132,7 @@ def factor_graph(
         received &= measurements.range_sample == ping
         hour = style.clock(float(truth.time[ping]) / 3600.0)
         words += f"; {received.sum():,} of them, at {hour}, are shown"
+        words = "\n".join(wrap(words, _WORDS))
     edges = np.stack(range_ends(truth, measurements), axis=1)[received]
     if len(edges):
         alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
@@ -318,8 +325,9 @@ register(
     " to the vehicle's greatest depth) and track, (c) depth against time. Each vehicle has one"
     " colour in all figures of the fleet; names that are too long for the plan are numbered, with"
     " a key below.",
-    draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
-    column=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header, one_column=True),
+    **both_widths(
+        lambda r, width: fleet_layout(r.run.truth, r.run.measurements, r.header, width=width)
+    ),
 )
 register(
     "factor_graph",

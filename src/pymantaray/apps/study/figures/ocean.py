@@ -1,6 +1,6 @@
 """The water of a run: its sound-speed profile, and rays through one section."""
 
-from pymantaray.apps.study.figures.register import RunResults, register
+from pymantaray.apps.study.figures.register import RunResults, both_widths, register
 from pymantaray.jobs.run_folder import RAY_PICTURE
 from pymantaray.plotting.water import ray_picture, sound_speed_profiles
 
@@ -23,6 +23,7 @@ register(
     caption="Sound speed against depth over the study's domain: mean of each level (line), minimum"
     " to maximum (shaded); (a) all depths, (b) the upper part.",
     draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
+    column=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
 )
 register(
     "ray_picture",
@@ -30,6 +31,6 @@ register(
     paper="Figures 1 and 2A",
     of_mission=True,
     caption=_caption_of_rays,
-    draw=lambda r: ray_picture(r.run.ray_picture, r.header),
+    **both_widths(lambda r, width: ray_picture(r.run.ray_picture, r.header, width=width)),
     needs=lambda r: r.run.has_file(RAY_PICTURE),
 )

@@ -16,7 +16,7 @@ from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
 from pymantaray.acoustics.ocean_fields import build_medium
-from pymantaray.apps.study.figures.register import register
+from pymantaray.apps.study.figures.register import both_widths, register
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.estimation import collect_estimates, solve_conditions
@@ -38,6 +38,7 @@ STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
 )
 """Stages of a study in order: folder, description, and function."""
 _SIZE = (0.80, 0.66)  # of a box, in columns and rows
+_TURNED_ROW = 0.72  # height of a row of stages in one column [in]
 _CLEARANCE = 0.04  # between an arrow and a box that it passes
 _ARROW: dict[str, Any] = {
     "color": style.GREY,
@@ -107,39 +108,50 @@ def columns(count: int, between: Sequence[Flow]) -> list[int]:
 
 
 @style.styled
-def pipeline(header: str) -> Figure:
-    """Diagram with stages in columns, and one arrow for each record between two stages."""
+def pipeline(header: str, *, width: float = style.DOUBLE) -> Figure:
+    """
+    Diagram with stages in columns, and one arrow for each record between two stages.
+
+    For one column of a journal, the stages are in rows, and the arrows point downward.
+    """
     functions = [function for *_, function in STAGES]
     between = flows(functions)
     column = columns(len(STAGES), between)
     spots = [(x, column[:i].count(x) - (column.count(x) - 1) / 2.0) for i, x in enumerate(column)]
-    figure = style.new_figure(style.DOUBLE, 2.6, header)
+    turned = width == style.COLUMN
+    figure = style.new_figure(
+        width, 0.2 + _TURNED_ROW * (max(column) + 1) if turned else 2.6, header
+    )
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])
     paths = []
     for source, target in dict.fromkeys((flow.source, flow.target) for flow in between):
         others = [spot for k, spot in enumerate(spots) if k not in (source, target)]
-        paths.append(route(spots[source], spots[target], others))
+        path = route(spots[source], spots[target], others)
+        paths.append(Path(np.asarray(path.vertices)[:, ::-1], path.codes) if turned else path)
         axes.add_patch(
             FancyArrowPatch(path=paths[-1], arrowstyle="-|>", mutation_scale=8, **_ARROW)
         )
     extent = Bbox.union([path.get_extents() for path in paths])
-    axes.set(
-        xlim=(-0.5, max(column) + 0.5),
-        ylim=(max(extent.y1, 0.85) + 0.05, min(extent.y0, -0.85) - 0.05),
-    )
+    low, high = (extent.x0, extent.x1) if turned else (extent.y0, extent.y1)
+    along = (-0.5, max(column) + 0.5)
+    beside = (max(high, 0.85) + 0.05, min(low, -0.85) - 0.05)
+    if turned:
+        axes.set(xlim=beside[::-1], ylim=along[::-1])
+    else:
+        axes.set(xlim=along, ylim=beside)
     for spot, (folder, words, function) in zip(spots, STAGES, strict=True):
         made = " ".join(
             record.__name__ for record in records_of(get_type_hints(function)["return"])[:1]
         )
         # draw the box of a stage: folder, description, and the record that it returns
-        x, y = spot
-        width, height = _SIZE
+        x, y = spot[::-1] if turned else spot
+        across, down = _SIZE[::-1] if turned else _SIZE
         box = FancyBboxPatch(
-            (x - width / 2.0, y - height / 2.0),
-            width,
-            height,
+            (x - across / 2.0, y - down / 2.0),
+            across,
+            down,
             boxstyle="round,pad=0,rounding_size=0.06",
             facecolor=_COLOURS[folder],
             edgecolor=style.INK,
@@ -148,9 +160,10 @@ def pipeline(header: str) -> Figure:
         )
         axes.add_patch(box)
         write = partial(axes.text, x, ha="center", va="center", zorder=4, fontsize=6.0)
-        write(y - 0.22, folder, fontweight="bold")
-        write(y, fill(words, 14))
-        write(y + 0.24, made, color=style.GREY, fontstyle="italic")
+        step, letters = (0.28, 20) if turned else (0.23, 14)
+        write(y - step + 0.01, folder, fontweight="bold")
+        write(y, fill(words, letters))
+        write(y + step + 0.01, made, color=style.GREY, fontstyle="italic")
     return figure
 
 
@@ -191,5 +204,5 @@ register(
     paper="Figure 3",
     caption="Stages of a study with their folders in the package; arrows are the records (italic)"
     " that pass between them.",
-    draw=lambda r: pipeline(r.header),
+    **both_widths(lambda r, width: pipeline(r.header, width=width)),
 )

@@ -1,6 +1,7 @@
 """Effect of refraction on ranges: distribution of the error, its two parts, and dropouts."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
-from pymantaray.apps.study.figures.register import range_ends, register
+from pymantaray.apps.study.figures.register import both_widths, range_ends, register
 from pymantaray.arrays import Array
 from pymantaray.plotting import style
 from pymantaray.records import RayStatus
@@ -30,21 +31,25 @@ _STATUS_LOOK = {
 
 
 @style.styled
-def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> Figure:
+def range_error_histogram(
+    errors: Sequence[tuple[str, Array]], header: str, *, width: float = style.DOUBLE
+) -> Figure:
     """Signed range error, refracted minus straight, with its mean, zero and the fitted normal."""
-    figure = style.new_figure(style.DOUBLE, 0.55 + 2.05 * len(errors), header)
-    rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
+    narrow = width == style.COLUMN
+    shape, height = ((2 * len(errors), 1), 3.5) if narrow else ((len(errors), 2), 2.05)
+    figure = style.new_figure(width, 0.55 + height * len(errors), header)
+    rows = figure.subplots(*shape, squeeze=False, sharex=True).reshape(-1, 2)
     for i, ((name, values), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
         received = draw_range_errors(linear, values)
         draw_range_errors(log, values, log=True)
         log.set_ylabel("")
         words = [style.short(name), _moments(received)]
         same = "the same, logarithmic count"
-        if len(name) > _MAX_NAME_LETTERS:  # no room for both above one panel
+        if len(name) > _MAX_NAME_LETTERS and not narrow:  # no room for both above one panel
             same = words.pop()
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
         style.panel_title(log, style.letter(2 * i + 1), same)
-    for axes in rows[:-1].flat:
+    for axes in rows.flat[: -1 if narrow else -2]:
         axes.set_xlabel("")
     style.common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])
     return figure
@@ -52,15 +57,25 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
 
 @style.styled
 def range_error_split(
-    distance: Array, reference_speed: Array, bending: Array, header: str
+    distance: Array,
+    reference_speed: Array,
+    bending: Array,
+    header: str,
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """The two parts of the range error, against distance and as distributions."""
-    figure = style.new_figure(style.DOUBLE, 2.7, header)
-    both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
+    if width == style.COLUMN:
+        figure = style.new_figure(width, 4.4, header)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.35, 0.8))
+        both, counts, alone = map(figure.add_subplot, (grid[0, 0], grid[0, 1], grid[1, :]))
+    else:
+        figure = style.new_figure(width, 2.7, header)
+        both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
     received = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
     km = distance[received] / 1e3
-    points = {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
+    points: dict[str, Any] = {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
     parts = (
         ("reference speed", reference_speed[received], style.BLUE),
         ("bending", bending[received], style.ORANGE),
@@ -102,13 +117,17 @@ def range_error_split(
 
 @style.styled
 def dropout_map(
-    transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str
+    transmitter: Array,
+    receiver: Array,
+    status: NDArray[np.int8],
+    header: str,
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """Dropouts by cause: attempts by distance, depth difference and the depths of both ends."""
-    figure = style.new_figure(style.DOUBLE, 3.0, header)
-    places = figure.subplots(1, 2)
+    figure, places = style.panel_figure(width, header, 2, height=3.0, stacked=2.5)
     km = np.linalg.norm(receiver - transmitter, axis=-1) / 1e3
-    look = {"alpha": 0.8, "markeredgewidth": 0.0, "rasterized": True}
+    look: dict[str, Any] = {"alpha": 0.8, "markeredgewidth": 0.0, "rasterized": True}
     ends = np.sort(np.stack([transmitter[:, 2], receiver[:, 2]]), axis=0)
     coordinates = ((km, ends[1] - ends[0]), (ends[0], ends[1]))
     for axes, (x, y) in zip(places, coordinates, strict=True):
@@ -208,7 +227,9 @@ register(
     of_mission=True,
     caption="Signed range error, refracted minus straight, of {r.received:,} ranges: mean"
     " (orange), zero (dashed) and fitted normal (black), with linear and logarithmic counts.",
-    draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
+    **both_widths(
+        lambda r, width: range_error_histogram([(r.region, r.ranges.total)], r.header, width=width)
+    ),
 )
 register(
     "range_error_split",
@@ -217,8 +238,14 @@ register(
     caption="Exact split of the range error: (a, b) the part due to the reference speed, because"
     " the sound speed at the transmitter differs from the mean along the path, and the part due to"
     " the bending of the ray; (c) bending at a finer scale.",
-    draw=lambda r: range_error_split(
-        r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
+    **both_widths(
+        lambda r, width: range_error_split(
+            r.run.ranging_truth.distance,
+            r.ranges.reference_speed,
+            r.ranges.bending,
+            r.header,
+            width=width,
+        )
     ),
 )
 register(
@@ -227,7 +254,12 @@ register(
     of_mission=True,
     caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the"
     " depths of both ends; colours of dropouts are their causes.",
-    draw=lambda r: dropout_map(
-        *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
+    **both_widths(
+        lambda r, width: dropout_map(
+            *range_ends(r.run.truth, r.run.measurements),
+            r.run.measurements.range_status,
+            r.header,
+            width=width,
+        )
     ),
 )

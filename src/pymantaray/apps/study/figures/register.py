@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import matplotlib as mpl
 import numpy as np
@@ -28,7 +28,7 @@ from pymantaray.entry_points import FIGURES, Extension, current_extension, exten
 from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.plotting.drawing import FigureSpec, with_source
-from pymantaray.plotting.style import ocean_header, ocean_name
+from pymantaray.plotting.style import COLUMN, DOUBLE, ocean_header, ocean_name
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.digits import counted
 
@@ -168,13 +168,26 @@ def register(
 
     A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with
     ``of_mission`` does not depend on the realizations, so it may be drawn before they are solved.
-    ``paper`` is its counterpart in the paper. ``column`` draws it for one column of a journal, if
-    it needs another layout.
+    ``paper`` is its counterpart in the paper. ``column`` draws it for one column of a journal.
     """
     owner = current_extension()
     entry = _Entry(name, place, caption, draw, needs, of_mission, paper, column, owner)
     entry.check()
     _REGISTER[name] = entry
+
+
+class _BothWidths(TypedDict):
+    """Arguments of `register` of a figure with two layouts."""
+
+    draw: Callable[[RunResults], Figure]
+    column: Callable[[RunResults], Figure]
+
+
+def both_widths(draw: Callable[[RunResults, float], Figure]) -> _BothWidths:
+    """
+    Arguments ``draw`` and ``column`` of `register`, from a function that draws a run for a width.
+    """
+    return {"draw": lambda r: draw(r, DOUBLE), "column": lambda r: draw(r, COLUMN)}
 
 
 def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:

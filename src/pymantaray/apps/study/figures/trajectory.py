@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from pymantaray.apps.study.figures.ranging import draw_range_errors
-from pymantaray.apps.study.figures.register import RunResults, register
+from pymantaray.apps.study.figures.register import RunResults, both_widths, register
 from pymantaray.arrays import Array
 from pymantaray.plotting import style
 
@@ -25,9 +25,12 @@ _ROOF = 0.78  # share of a row's height for the distribution; text is above it
 _AXIS_RATIO = (
     3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
 )
+_RIDGE, _MIN_RIDGE, _HIGHEST = 0.6, 0.45, 8.0
+"""Height of a row of distributions in one column, the least one, and of all rows together. [in]"""
 _SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
 _MAX_NAMED_VEHICLES = 30  # vehicles whose names fit below the axis
 _LETTERS = 14  # of names in an inch of the axis
+_NARROW_NAME = 18  # letters of a title above one of two panels in one column
 _GROUP = 0.8  # width of the markers of a vehicle, in distances between vehicles
 
 
@@ -63,12 +66,11 @@ def _caption_over_time(results: RunResults) -> str:
 
 
 @style.styled
-def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
+def pooled_ape(panels: Sequence[ApePanel], header: str, *, width: float = style.DOUBLE) -> Figure:
     """Distribution of the translational error, all vehicles, times and realizations pooled."""
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
     rows = max(len(conditions), 1)
-    figure = style.new_figure(style.DOUBLE, 0.85 + 0.72 * rows, header)
-    grid = figure.subplots(rows, len(panels), squeeze=False, sharex="col")
+    figure, grid = _ape_grid(rows, len(panels), header, width)
     pooled = [
         {name: values[np.isfinite(values)] for name, values in panel.errors.items()}
         for panel in panels
@@ -98,6 +100,28 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         figure, [mean, style.entry("quartiles", color=style.INK, linewidth=0.8, linestyle="--")]
     )
     return figure
+
+
+def _ape_grid(rows: int, columns: int, header: str, width: float) -> tuple[Figure, NDArray[Any]]:
+    """
+    Figure with the axes of `pooled_ape`, rows by columns; for one column of a journal, the columns
+    are below each other.
+    """
+    if width > style.COLUMN:
+        figure = style.new_figure(width, 0.85 + 0.72 * rows, header)
+        return figure, figure.subplots(rows, columns, squeeze=False, sharex="col")
+    high = max(_MIN_RIDGE, min(_RIDGE, _HIGHEST / (rows * columns)))
+    figure = style.new_figure(width, 0.2 + columns * (0.5 + high * rows), header)
+    # an empty row between two blocks, for the label of the upper and the title of the lower one
+    gaps = [*[high] * rows, 0.12] * columns
+    every = figure.add_gridspec(len(gaps) - 1, 1, height_ratios=gaps[:-1])
+    grid = np.empty((rows, columns), dtype=object)
+    for c in range(columns):
+        for row in range(rows):
+            shared = {"sharex": grid[0, c]} if row else {}
+            grid[row, c] = figure.add_subplot(every[c * (rows + 1) + row, 0], **shared)
+            grid[row, c].tick_params(labelbottom=row == rows - 1)
+    return figure, grid
 
 
 def _panel_grid(panels: int, lines: int, header: str, width: float) -> tuple[Figure, NDArray[Any]]:
@@ -163,11 +187,12 @@ def error_over_time(
                 linewidth=0.9,
                 linestyle=style.condition_line(name),
             )
+    titles = style.shortened(names, _NARROW_NAME) if width == style.COLUMN else names
     for i, axes in enumerate(grid.flat):
         if i >= len(names):
             axes.set_visible(False)
             continue
-        axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
+        axes.set_title(style.plain(titles[i]), loc="left", fontweight="bold")
         # GNSS fixes at the bottom, as one line, since each costs as much as all
         at = hours[fixes[i]]
         axes.plot(
@@ -257,7 +282,9 @@ def _ridge(
     """Draw the distribution of one condition; ``condition`` is its label and colour."""
     label, colour = condition
     axes.grid(visible=False, axis="y")
-    axes.locator_params(axis="y", nbins=3)
+    figure = axes.get_figure(root=True)
+    narrow = figure is not None and style.in_one_column(figure)
+    axes.locator_params(axis="y", nbins=2 if narrow else 3)
     if log:
         axes.set_xscale("log")
     axes.set_xlim(edges[0], edges[-1])
@@ -274,7 +301,8 @@ def _ridge(
     for quartile in np.percentile(values, [25.0, 75.0]):
         axes.axvline(quartile, ymax=_ROOF, color=style.INK, linewidth=0.8, linestyle=(0, (4, 2)))
     beyond = 100.0 * float(np.mean(values > edges[-1]))
-    left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
+    words = "beyond" if narrow else "beyond the axis"
+    left_out = f", {beyond:.0f} % {words}" if beyond >= 0.5 else ""
     axes.text(
         0.985,
         0.98,
@@ -293,12 +321,15 @@ register(
     caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by"
     " ranging condition, without alignment; mean solid, quartiles dashed; (a) logarithmic scale,"
     " (b) linear scale, which shows nearly all errors of the conditions other than odometry.",
-    draw=lambda r: pooled_ape(
-        [
-            ApePanel("logarithmic scale", r.errors, log=True),
-            ApePanel("linear scale", r.errors, log=False),
-        ],
-        r.header,
+    **both_widths(
+        lambda r, width: pooled_ape(
+            [
+                ApePanel("logarithmic scale", r.errors, log=True),
+                ApePanel("linear scale", r.errors, log=False),
+            ],
+            r.header,
+            width=width,
+        )
     ),
     needs=lambda r: r.run.study.solves,
 )
@@ -306,20 +337,23 @@ register(
     "error_over_time",
     place=40,
     caption=_caption_over_time,
-    draw=lambda r: _error_over_time_of(r, style.DOUBLE),
-    column=lambda r: _error_over_time_of(r, style.COLUMN),
+    **both_widths(_error_over_time_of),
     needs=lambda r: r.run.study.solves,
 )
 
 
 @style.styled
-def refraction(ranges: Array, errors: Mapping[str, Array], header: str) -> Figure:
+def refraction(
+    ranges: Array, errors: Mapping[str, Array], header: str, *, width: float = style.DOUBLE
+) -> Figure:
     """Histogram of range errors, and mean and quartiles of the position errors by condition."""
-    figure = style.new_figure(style.DOUBLE, 2.2, header)
-    counts, *others = figure.subplots(1, 2 if errors else 1, squeeze=False)[0]
+    heights = [2.15, 0.75 + 0.18 * len(errors)][: 2 if errors else 1]
+    figure, (counts, *others) = style.panel_figure(
+        width, header, len(heights), height=2.35, stacked=heights
+    )
     draw_range_errors(counts, ranges)
     style.panel_title(counts, "a", "range error")
-    style.common_legend(figure, counts.get_legend_handles_labels()[0])
+    style.legend_below(counts)
     for axes in others:
         looks = style.condition_looks(list(errors))
         for row, (name, values) in enumerate(errors.items()):
@@ -335,7 +369,7 @@ def refraction(ranges: Array, errors: Mapping[str, Array], header: str) -> Figur
         axes.set_ylim(len(names) - 0.5, -0.5)
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("Position error [m]")
-        style.panel_title(axes, "b", "position error: mean (dot), quartiles (line)")
+        style.panel_title(axes, "b", "position error: mean, quartiles")
     return figure
 
 
@@ -348,19 +382,23 @@ register(
     place=0,
     caption=lambda r: (
         "Effect of refraction. (a) Error of each range, refracted minus straight."
-        + (" (b) Position errors over all vehicles, times and realizations." if _errors(r) else "")
+        + (
+            " (b) Mean (dot) and quartiles (line) of the position errors over all vehicles, times"
+            " and realizations."
+            if _errors(r)
+            else ""
+        )
     ),
-    draw=lambda r: refraction(r.ranges.total, _errors(r), r.header),
+    **both_widths(lambda r, width: refraction(r.ranges.total, _errors(r), r.header, width=width)),
 )
 
 
 @style.styled
-def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
+def error_by_vehicle(table: pd.DataFrame, header: str, *, width: float = style.DOUBLE) -> Figure:
     """RMSE and quartiles of the position error of each vehicle under each condition."""
     conditions = list(dict.fromkeys(table["condition"]))
-    below = 0.14 * style.legend_lines(len(conditions))
-    figure = style.new_figure(style.DOUBLE, 2.3 + below, header)
-    axes = figure.subplots()
+    below = 0.0 if width == style.COLUMN else 0.14 * style.legend_lines(len(conditions))
+    figure, (axes,) = style.panel_figure(width, header, 1, height=2.3 + below, stacked=2.2)
     draw_vehicle_errors(axes, table)
     style.common_legend(figure, axes.get_legend_handles_labels()[0])
     return figure
@@ -385,8 +423,10 @@ def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
     style.short_numbers(axes.yaxis)
     axes.grid(visible=False, axis="x")
     axes.set_xlim(-0.6, len(vehicles) - 0.4)
-    names = [style.plain(style.short(str(name), 12)) for name in vehicles]
-    upright = sum(map(len, names)) + 2 * len(names) > style.DOUBLE * _LETTERS
+    names = [style.plain(name) for name in style.shortened([*map(str, vehicles)], 12)]
+    figure = axes.get_figure(root=True)
+    inches = style.DOUBLE if figure is None else figure.get_figwidth()
+    upright = sum(map(len, names)) + 2 * len(names) > inches * _LETTERS
     axes.set_xticks(range(len(vehicles)), names, rotation=90 if upright else 0)
     axes.set(xlabel="Vehicle", ylabel="Position error [m]")
 
@@ -402,6 +442,8 @@ register(
     place=45,
     caption="Position error of each vehicle over all times and {r.realizations}, by ranging"
     " condition: RMSE (dots) and quartiles (lines).",
-    draw=lambda r: error_by_vehicle(r.tables["ate_per_vehicle"].frame, r.header),
+    **both_widths(
+        lambda r, width: error_by_vehicle(r.tables["ate_per_vehicle"].frame, r.header, width=width)
+    ),
     needs=_shown,
 )

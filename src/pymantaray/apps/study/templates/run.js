@@ -298,7 +298,9 @@ start((data) => {
   at("links").addEventListener("change", () => choose(Number(at("links").value)));
   at("vehicle").addEventListener("change", drawOverTime);
   dark.addEventListener("change", drawAll);
-  state.link = data.rays.map((section) => section.link).reduce((worst, link) => (worst === null || largest(link) > largest(worst) ? link : worst), null);
+  // the largest range error of the first ping with rays, so that the mission plays from its beginning
+  const first = Math.min(...data.rays.map((section) => links.ping[section.link]));
+  state.link = data.rays.map((section) => section.link).filter((link) => links.ping[link] === first).reduce((worst, link) => (worst === null || largest(link) > largest(worst) ? link : worst), null);
   if (state.link !== null) state.frame = fleet.ping[links.ping[state.link]];
   at("shown").textContent = [
     every ? "" : `This page has the rays of ${sections.size} of ${links.ping.length} links, marked with a star. For other links it prints a command.`,
