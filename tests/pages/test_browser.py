@@ -40,7 +40,7 @@ HARMLESS = ("GPU stall", "Canvas2D: Multiple readback")  # what software drawing
 def page_file(tiny_run_folder, once):
     def build(folder):
         shutil.copytree(tiny_run_folder, folder)
-        write_report(folder)
+        write_report(folder, formats=["84mm"])
 
     return once("browser", build) / "index.html"
 
@@ -94,14 +94,14 @@ def comparison_file(run_folder, made_run, once):
     def build(folder):
         folder.mkdir()
         other = made_run(realizations=2).write(folder / "other")
-        write_comparison([run_folder, other], folder / "both")
+        write_comparison([run_folder, other], folder / "both", formats=["84mm"])
 
     return once("comparison", build) / "both" / "index.html"
 
 
 @pytest.fixture(scope="module")
 def replay_file(made_replay, once):
-    return once("replay-page", partial(write_replay, made_replay)) / "index.html"
+    return once("replay-page", partial(write_replay, made_replay, formats=["84mm"])) / "index.html"
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def plan_file(once):
     plan = DeploymentPlan(parse_study({**TINY, "landmarks": [receiver]}, "tiny"), section)
 
     def build(folder):
-        write_plan_page(search_designs(plan, workers=1), folder)
+        write_plan_page(search_designs(plan, workers=1), folder, formats=["84mm"])
 
     return once("plan-page", build) / "index.html"
 
@@ -400,7 +400,7 @@ def location_file(once):
         located = locate(
             survey, water(), LocateOptions(earth="flat", speed_model="time", correlation="none")
         )
-        write_location_page(located, folder)
+        write_location_page(located, folder, formats=["84mm"])
 
     return once("located-page", build) / "index.html"
 

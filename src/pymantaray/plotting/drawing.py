@@ -112,10 +112,9 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
     printed = "png" in formats
     files = {}
     narrow = None
-    if spec.column is not None:
+    if ONE_COLUMN in formats and spec.column is not None:
         column = spec.column()
-        if ONE_COLUMN in formats:
-            files[f"{ONE_COLUMN}.pdf"] = rendered(column, ("pdf",))["pdf"]
+        files[f"{ONE_COLUMN}.pdf"] = rendered(column, ("pdf",))["pdf"]
         if not in_one_column(figure):
             narrow = Image(rendered(column, ("png",), few_colours=True)["png"], *_size(column))
     files |= rendered(figure, kinds, dpi=_PRINTED if printed else None, few_colours=not printed)

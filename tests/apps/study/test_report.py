@@ -129,6 +129,8 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
         expected = {f"{name}.{kind}" for name in names for kind in kinds}
         assert {p.name for p in (folder / parts).iterdir()} == expected
         assert all(p.stat().st_size > 0 for p in (folder / parts).iterdir())
+    assert "<source " not in reported.text  # layouts for one column are drawn if asked
+    assert 'class="keys"' in reported.text  # legends of figures that are moved sideways
     links = Page(reported.text).links
     assert all((folder / link).is_file() for link in links)
     assert {f"figures/{name}.pdf" for name in reported.figures} | {
