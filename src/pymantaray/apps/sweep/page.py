@@ -90,7 +90,7 @@ def write_sweep_page(
         ],
         explorer=explorer,
         tables=[point_table(table, fields)],
-        made=["Repeat with: mantaray sweep run sweep.toml --out FOLDER"] if origin else [],
+        made=["Repeat with: mantaray sweep run sweep.toml"] if origin else [],
         origin=[origin_table(dict(origin), "Sweep", SWEEP)] if origin else [],
         citation=_citation(title, len(table["point"].unique()), origin) if origin else None,
         cite="Cite this sweep",
