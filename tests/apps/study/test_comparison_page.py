@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from itertools import count
 from types import SimpleNamespace
 from urllib.parse import unquote
 
@@ -36,8 +37,11 @@ def other_folder(made_run, tmp_path_factory):
 
 @pytest.mark.slow
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
+    drawn = count()  # equal figures of missions would be shown once
     monkeypatch.setattr(
-        write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")
+        write_module,
+        "rendered",
+        lambda _, kinds, **__: dict.fromkeys(kinds, f"drawn {next(drawn)}".encode()),
     )
     page = write_comparison([run_folder, other_folder], tmp_path / "both")
     assert page == tmp_path / "both" / "index.html"
