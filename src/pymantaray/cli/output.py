@@ -135,14 +135,9 @@ class Watch:
     """
 
     def __init__(
-        self,
-        stages: Sequence[str] = (),
-        clock: Callable[[], float] = time.monotonic,
-        *,
-        estimate: bool = True,
+        self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.stages = stages
-        self._estimate = estimate
         self._clock = clock
         self._present = ""
         self._begun: dict[
@@ -162,10 +157,10 @@ class Watch:
     def left(self, stage: str) -> str:
         """
         Text with the remaining time of a stage at its mean speed so far; empty before the first
-        part is finished, or without estimates.
+        part is finished.
         """
         (begin, before), (latest, done, _, total) = self._begun[stage], self._latest[stage]
-        if not (self._estimate and before < done < total):
+        if not before < done < total:
             return ""
         end = latest + (latest - begin) / (done - before) * (total - done)
         return f"{duration(max(end - self._clock(), 0.0))} left"
@@ -201,20 +196,17 @@ class Watch:
 
 
 @contextmanager
-def progress_bars(
-    *, quiet: bool, stages: Sequence[str] = (), estimate: bool = True
-) -> Iterator[Report | None]:
+def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
     """
     Show progress on standard error: a bar per stage in a terminal, otherwise a line per minute;
     None if ``quiet``.
 
-    ``stages`` are the known stages in order. Without ``estimate``, for parts whose times differ
-    much, no remaining time is shown.
+    ``stages`` are the known stages in order.
     """
     if quiet or sys.stderr is None:
         yield None
         return
-    watch = Watch(stages, estimate=estimate)
+    watch = Watch(stages)
     with _bars(watch) if sys.stderr.isatty() else _lines(watch, sys.stderr) as report:
         yield report
 

@@ -75,7 +75,7 @@ def test_range_and_travel_time_are_inverse(
     as_stored([there, back, table.tree, table.shares()])
 
 
-def _two_arrivals(places: np.ndarray) -> Samples:
+def _two_arrivals(places: np.ndarray, _progress=None) -> Samples:
     """
     Straight rays at 1,500 m/s, and arrivals that are earlier by up to 1 m in a small ellipsoid
     only.
@@ -121,7 +121,7 @@ def test_a_small_region_with_an_earlier_arrival_is_found(as_stored) -> None:
     as_stored([found, table.tree])
 
 
-def _island(places: np.ndarray) -> Samples:
+def _island(places: np.ndarray, _progress=None) -> Samples:
     """Arrivals at 1,500 m/s in a small ellipsoid only, with a shadow all around."""
     inside = (((places - [30.0, 55.0, 1400.0]) / [6.0, 6.0, 29.0]) ** 2).sum(axis=1) < 1.0
     straight = np.hypot(places[:, 1] - places[:, 0], places[:, 2])
@@ -353,7 +353,7 @@ def test_wrong_limits_are_refused(water: Water, limits, words: str) -> None:
         build_table(water, *limits)
 
 
-def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water, as_stored) -> None:
+def test_progress_grows_to_all_work_of_all_sectors(water: Water) -> None:
     told: list[tuple[str, int, int]] = []
     limits = (0.0, 40.0), (0.0, 60.0), (50.0, 400.0)
     build_table(
@@ -363,7 +363,41 @@ def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water, as_stor
     assert done == sorted(done)
     assert {(stage, total) for stage, _, total in told} == {("table", 200)}
     assert {100, 200} <= set(done)
-    as_stored(done)
+
+
+@pytest.mark.parametrize("members", [1, 3])
+def test_half_way_the_work_that_is_left_is_known_within_a_factor_of_2(
+    water: Water, members: int
+) -> None:
+    """Work is counted in places that are solved; most of it is at the borders of shadows."""
+    medium, _ = water.at_start
+    box = Box((0.0, 0.0, 50.0), (120.0, 400.0, 3050.0), (5.0, 12.5, 50.0))
+    solved, told = [0], []
+
+    def counted(places, progress):
+        before = solved[0]
+
+        def count(done, total):
+            solved[0] = before + len(places) * done / total
+            progress(done, total)
+
+        samples = radial(places, count)
+        solved[0] = before + len(places)
+        return samples
+
+    radial = Radial(medium)
+    build_tree(
+        box, [counted] * members, 0.5, progress=lambda share: told.append((share, solved[0]))
+    )
+    share, work = np.array(told).T
+    part = work / solved[0]
+    assert (share[-1], part[-1]) == (1.0, 1.0)
+    assert (np.diff(share) >= 0.0).all()
+    for where in (0.5, 0.75):
+        row = np.flatnonzero(part >= where)[0]
+        assert part[row] < where + 0.1  # also while many places are solved at once
+        left = (1.0 - share[row]) / share[row] * part[row]
+        assert 0.5 < left / (1.0 - part[row]) < 2.0
 
 
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:

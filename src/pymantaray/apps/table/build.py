@@ -12,9 +12,12 @@ from pymantaray.apps.table.cells import LEAF, REFERENCE_SLOWNESS, CellStatus, Tr
 from pymantaray.apps.table.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
+from pymantaray.jobs.progress import CountProgress
 
 Whole = NDArray[np.int64]
 _FIRST_HALVINGS = (2, 3, 3)  # of every cell along each axis before any cell is accepted
+_SAMPLE = 32  # cells that are refined first for an estimate of the work
+_MIN_PLACES = 50  # of the sample in a generation, for its share of all places
 _MARGIN = 0.5  # share of the bound that the error at the tested points may have
 _MIN_COSINE = 0.1  # of the angle from the horizontal, in the conversion of travel time to range
 _QUARTERS = np.array(
@@ -68,10 +71,13 @@ class Box:
 class _Store:
     """Solved lattice points, each once, sorted by key."""
 
-    def __init__(self, box: Box, sampler: Sampler) -> None:
+    def __init__(
+        self, box: Box, sampler: Sampler, notify: Callable[[float], None] | None = None
+    ) -> None:
         self._lower = np.array(box.lower)
         self.step = np.subtract(box.upper, box.lower) / np.exp2(np.array(box.halvings) + _FINEST)
         self._sampler = sampler
+        self._notify = notify
         self.keys = np.empty(0, dtype=np.int64)
         self._samples: Samples | None = None
 
@@ -91,7 +97,9 @@ class _Store:
         keys = _keys(points)
         new = np.setdiff1d(keys, self.keys)
         if new.size:
-            self._add(new, _rounded(self._sampler(self.places(self.points(new)))))
+            places = self.places(self.points(new))
+            progress = _counted(self._notify, self.keys.size, new.size)
+            self._add(new, _rounded(self._sampler(places, progress)))
         return np.searchsorted(self.keys, keys)
 
     def family(self, points: Whole) -> Whole:
@@ -116,9 +124,23 @@ class _Store:
         self.keys, self._samples = keys[order], Samples._make(column[order] for column in samples)
 
 
+def _counted(
+    notify: Callable[[float], None] | None, solved: int, n_new: int
+) -> CountProgress | None:
+    """Callback that reports the number of solved points while more are solved."""
+    if notify is None:
+        return None
+    return lambda done, total: notify(solved + n_new * done / total)
+
+
 def _keys(points: Whole) -> Whole:
     """Keys of lattice points, shape (..., 3)."""
     return (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
+
+
+def _corner_keys(cells: "_Cells") -> Whole:
+    """Keys of the corners of cells, shape (n, 8)."""
+    return _keys(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
 
 
 def _rounded(samples: Samples) -> Samples:
@@ -138,6 +160,92 @@ class _Cells(NamedTuple):
     low: Whole
     log_size: Whole
     branch: Whole
+
+
+class _Forecast:
+    """
+    Estimate of the share of the work that is done, from the number of solved places.
+
+    Before most of the work, a sample of cells is refined to the end. It tells how many places there
+    are in each later generation of cells; each generation that is done tells the ratio of all
+    cells to the sample. The first halvings, before the sample, count as no share.
+
+    Parameters
+    ----------
+    report : callable or None
+        Called with the share. None: no cells are sampled.
+    members : int
+        Number of oceans, of which all but the first are solved at the corners of final cells.
+    """
+
+    def __init__(self, report: Callable[[float], None] | None, members: int) -> None:
+        self.report = report
+        self._more = members - 1.0
+        self._generation = 0
+        self._places: list[int] = []
+        self._ratio = 1.0
+        self._total = math.inf
+        self._share = 0.0
+        self._before = 0
+
+    def begin(self, store: _Store, cells: _Cells, top: Whole, tolerance: float) -> None:
+        """Prepare for the next generation of cells; refine the sample after the first halvings."""
+        self._generation += 1
+        sampled = self._generation == sum(_FIRST_HALVINGS) + 1
+        if self.report is not None and sampled and cells.branch.size > _SAMPLE:
+            self._places, corners = _refined_sample(store, cells, top, tolerance)
+            self._more *= corners / max(sum(self._places), 1)
+            self._ratio = cells.branch.size / _SAMPLE
+            self._estimate(store.keys.size)
+        self._before = store.keys.size
+
+    def end(self, store: _Store) -> None:
+        """Count a generation that is done."""
+        if self._places:
+            own = self._places.pop(0)
+            if own >= _MIN_PLACES:
+                self._ratio = 1.0 + (store.keys.size - self._before) / own
+            self._estimate(store.keys.size)
+
+    def settle(self, places: int) -> None:
+        """Replace the estimate by the number of places of all oceans, which is now known."""
+        self._total = places
+
+    def finish(self) -> None:
+        """Report that all work is done."""
+        self.settle(1)
+        self.solved(1.0)
+
+    def solved(self, places: float) -> None:
+        """Report the share for this number of solved places; it never decreases."""
+        if self.report is not None:
+            self._share = max(self._share, min(places / self._total, 1.0))
+            self.report(self._share)
+
+    def _estimate(self, solved: int) -> None:
+        """Estimate the number of places of all oceans from the sample's places to come."""
+        tree = solved + (self._ratio - 1.0) * sum(self._places)
+        self._total = tree * (1.0 + self._more)
+
+
+def _refined_sample(
+    store: _Store, cells: _Cells, top: Whole, tolerance: float
+) -> tuple[list[int], int]:
+    """
+    Number of new places in each generation of a sample of cells that is refined to the end, and of
+    corners of its final cells.
+    """
+    rows = np.random.default_rng(0).choice(cells.branch.size, _SAMPLE, replace=False)
+    part = _Cells(*(column[rows] for column in cells))
+    places = []
+    corners = []
+    while part.branch.size:
+        before = store.keys.size
+        done, status, axis = _verdicts(store, part, top, tolerance)
+        places.append(store.keys.size - before)
+        corners.append(_corner_keys(part)[done & (status <= CellStatus.AMBIGUOUS)].ravel())
+        part = _halves(part, ~done, axis, np.zeros(np.count_nonzero(~done), dtype=np.int64))
+    return places, np.unique(np.concatenate(corners)).size
 
 
 def build_tree(
@@ -166,22 +274,23 @@ def build_tree(
     other_bytes : float
         Size of the sectors that the table already has. [B]
     progress : callable, optional
-        Called after each level of cells with the share of the volume whose cells are final.
+        Called with the estimated share of the work that is done.
 
     Returns
     -------
     Tree
         One sector. Cells of the smallest size that cannot be interpolated have status BORDER.
     """
-    store = _Store(box, samplers[0])
+    forecast = _Forecast(progress, len(samplers))
+    store = _Store(box, samplers[0], None if progress is None else forecast.solved)
     branch = np.zeros(1, dtype=np.int64)
     top = np.array(box.halvings) + _FINEST
     cells = _Cells(np.zeros((1, 3), dtype=np.int64), top[None, :], np.zeros(1, dtype=np.int64))
     accepted: list[_Accepted] = []
-    final = 0.0
     while cells.branch.size:
+        forecast.begin(store, cells, top, tolerance)
         done, status, axis = _verdicts(store, cells, top, tolerance)
-        corners = _keys(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
+        corners = _corner_keys(cells)
         has = done & (status <= CellStatus.AMBIGUOUS)
         accepted.append((cells.branch[has], corners[has], status[has]))
         empty = done & ~has
@@ -189,15 +298,16 @@ def build_tree(
         children = branch.size + 2 * np.arange(np.count_nonzero(~done))
         branch[cells.branch[~done]] = (children << 2) | axis[~done]
         branch = np.concatenate([branch, np.zeros(2 * children.size, dtype=np.int64)])
-        final += float(np.sum(2.0 ** (cells.log_size[done] - top).sum(axis=1)))
-        if progress is not None:
-            progress(final)
+        forecast.end(store)
         cells = _halves(cells, ~done, axis, children)
         size = _BRANCH_BYTES * branch.size + _CELL_BYTES * sum(part[0].size for part in accepted)
         _check_size(other_bytes + size, max_bytes, tolerance)
     tree = _tree(store, branch, accepted)
     _check_size(other_bytes + tree.nbytes, max_bytes, tolerance)
-    return tree if len(samplers) == 1 else tree._replace(sigma=_sigma(store, accepted, samplers))
+    if len(samplers) > 1:
+        tree = tree._replace(sigma=_sigma(store, accepted, samplers, forecast))
+    forecast.finish()
+    return tree
 
 
 def _verdicts(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdicts:
@@ -386,7 +496,7 @@ def _check_size(size: float, max_bytes: float, tolerance: float) -> None:
 
 
 def _sigma(
-    store: _Store, accepted: list[_Accepted], samplers: Sequence[Sampler]
+    store: _Store, accepted: list[_Accepted], samplers: Sequence[Sampler], forecast: _Forecast
 ) -> NDArray[np.float32]:
     """
     Standard deviation over all oceans of the values at the corners, over those with an arrival of
@@ -396,8 +506,11 @@ def _sigma(
     rows = np.searchsorted(store.keys, keys)
     own = store.solved.family[rows]
     values = [store.solved.value[rows]]
-    for sampler in samplers[1:]:
-        member = sampler(store.places(store.points(keys)))
+    notify = None if forecast.report is None else forecast.solved
+    forecast.settle(store.keys.size + keys.size * (len(samplers) - 1))
+    for k, sampler in enumerate(samplers[1:]):
+        progress = _counted(notify, store.keys.size + k * keys.size, keys.size)
+        member = sampler(store.places(store.points(keys)), progress)
         values.append(np.where(member.family == own, member.value, np.nan))
     number = np.isfinite(values).sum(axis=0)
     spread = np.nanstd(values, axis=0) * np.sqrt(number / np.maximum(number - 1, 1))

@@ -153,8 +153,7 @@ def table(
     keys |= _sea_floor(ocean, keys, limits.deepest)
     opened = open_water(ocean, **keys)
     members = [open_water(path, **keys) for path in choice.ensemble or []]
-    # most cells, and most of the time, are in a small part of the volume
-    with progress_bars(quiet=printing.quiet, estimate=False) as progress:
+    with progress_bars(quiet=printing.quiet) as progress:
         built = build_table(
             opened,
             limits.source_depth,

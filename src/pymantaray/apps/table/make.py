@@ -60,8 +60,9 @@ def build_table(
     max_bytes : int
         Largest allowed size of the table in memory. [B]
     progress : callable, optional
-        Called with ``"table"``, the percent of the volume of all sectors whose cells are final, and
-        100 for each sector.
+        Called with ``"table"``, the estimated percentage of the work of each sector that is done,
+        summed over the sectors, and 100 for each sector. A sample of the cells is solved first, and
+        tells how much work the others are.
 
     Returns
     -------
@@ -103,7 +104,7 @@ def build_table(
 
 
 def _report(progress: Progress, sector: int, sectors: int, share: float) -> None:
-    """Report the final share of a sector's volume in percent."""
+    """Report the share of a sector's work in percent."""
     progress("table", 100 * sector + math.floor(100.0 * share + 1e-6), 100 * sectors)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import ArrivalRule, Medium, choose_arrivals, find_eigenrays
 from pymantaray.apps.table.cells import REFERENCE_SLOWNESS
 from pymantaray.arrays import Array
+from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 
 NO_ARRIVAL, OUTSIDE = -1, -2
@@ -61,8 +62,11 @@ class Samples(NamedTuple):
     lead_gradient: Array
 
 
-Sampler = Callable[[Array], Samples]
-"""Solves places, shape (n, 3): source depth, receiver depth and horizontal range. [m]"""
+Sampler = Callable[[Array, CountProgress | None], Samples]
+"""
+Solves places, shape (n, 3): source depth, receiver depth and horizontal range [m]. The callback, if
+any, is called with the number of solved places and the total, or with those of a part of them.
+"""
 
 
 @dataclass(frozen=True)
@@ -95,14 +99,14 @@ class Radial:
     east: float = 0.0
     bearing: float = 0.0
 
-    def __call__(self, places: Array) -> Samples:
+    def __call__(self, places: Array, progress: CountProgress | None = None) -> Samples:
         """Solve places; once if they differ by an exchange of both depths, where both are alike."""
         if not self._reciprocal:
-            return self._solved(places)
+            return self._solved(places, progress)
         exchanged = places[:, 0] < places[:, 1]
         ordered = np.where(exchanged[:, None], places[:, [1, 0, 2]], places)
         once, row = np.unique(ordered, axis=0, return_inverse=True)
-        samples = Samples._make(column[row] for column in self._solved(once))
+        samples = Samples._make(column[row] for column in self._solved(once, progress))
         for gradient in (samples.gradient, samples.lead_gradient):
             gradient[exchanged] = gradient[exchanged][:, [1, 0, 2]]
         return samples
@@ -114,7 +118,7 @@ class Radial:
         flat = medium.bed.depth.size == 1 and medium.surface.depth.size == 1
         return medium.uniform and flat and medium.surface.roughness is None
 
-    def _solved(self, places: Array) -> Samples:
+    def _solved(self, places: Array, progress: CountProgress | None) -> Samples:
         """Solve places one by one."""
         source_depth, receiver_depth, distance = places.T
         along = np.array([np.cos(self.bearing), np.sin(self.bearing)])
@@ -127,7 +131,9 @@ class Radial:
             warnings.catch_warnings()
         ):  # of more arrivals than are stored, of which the selected one is not omitted
             warnings.simplefilter("ignore", RuntimeWarning)
-            arrivals = find_eigenrays(self.medium, source, receiver, *bounces_and_cutoff)
+            arrivals = find_eigenrays(
+                self.medium, source, receiver, *bounces_and_cutoff, progress=progress
+            )
         link, row = choose_arrivals(arrivals, self.rule)
         time = np.full(len(places), np.nan)
         by_place = np.full((len(places), 3), np.nan)
