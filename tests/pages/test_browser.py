@@ -13,17 +13,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 from browser import BROWSER, faults, overflow
-from campaigns import make_campaign, survey_of, water
-from factories import TINY
 from PIL import Image
 
 from pymantaray.apps.atlas import write_atlas_page
-from pymantaray.apps.locate import LocateOptions, locate, write_location_page
-from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs, write_plan_page
+from pymantaray.apps.locate import write_location_page
+from pymantaray.apps.plan import write_plan_page
 from pymantaray.apps.replay import write_replay
 from pymantaray.apps.study import write_comparison, write_report
 from pymantaray.apps.sweep import write_sweep_page
-from pymantaray.config import parse_study
 
 pytest.importorskip(
     "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
@@ -105,21 +102,8 @@ def replay_file(made_replay, once):
 
 
 @pytest.fixture(scope="module")
-def plan_file(once):
-    """Six designs in two waters, with depths of a receiver and times between pings."""
-    receiver = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0, "sigma": 2.0}
-    section = PlanSection(
-        free={"landmarks.T.depth": [5.0, 150.0, 300.0], "mission.ping_interval_h": [1.0, 2.0]},
-        objectives=("error", "cost"),
-        costs={"ping": 1.0},
-        oceans=({}, {"centre_lat": 74.0}),
-        lost_of="T",
-    )
-    plan = DeploymentPlan(parse_study({**TINY, "landmarks": [receiver]}, "tiny"), section)
-
-    def build(folder):
-        write_plan_page(search_designs(plan, workers=1), folder, formats=["84mm"])
-
+def plan_file(made_plan, once):
+    build = partial(write_plan_page, made_plan, formats=["84mm"])
     return once("plan-page", build) / "index.html"
 
 
@@ -394,14 +378,8 @@ def test_a_plan_draws_without_errors_and_by_keyboard(plan_opened, plan_file):
 
 
 @pytest.fixture(scope="module")
-def location_file(once):
-    def build(folder):
-        survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
-        located = locate(
-            survey, water(), LocateOptions(earth="flat", speed_model="time", correlation="none")
-        )
-        write_location_page(located, folder, formats=["84mm"])
-
+def location_file(made_location, once):
+    build = partial(write_location_page, made_location, formats=["84mm"])
     return once("located-page", build) / "index.html"
 
 
