@@ -1,7 +1,9 @@
 """Texts of a figure as they are drawn: sizes of letters, overlaps, and what the frame cuts off."""
 
 import numpy as np
+from matplotlib import cbook
 from matplotlib.legend import Legend
+from matplotlib.mathtext import MathTextParser
 from matplotlib.path import Path
 from matplotlib.text import Text
 
@@ -46,8 +48,19 @@ def _hidden_ticks(figure):
 
 
 def smallest_letter(figure):
-    """Size of the smallest letters. [points]"""
+    """Size of the smallest letters other than exponents and indices. [points]"""
     return min(text.get_fontsize() for text in texts(figure))
+
+
+def smallest_exponent(figure):
+    """Size of the smallest letters of mathematics, such as exponents; else infinite. [points]"""
+    smallest = np.inf
+    parser = MathTextParser("path")
+    for text in texts(figure):
+        if cbook.is_math_text(text.get_text()):
+            parsed = parser.parse(text.get_text(), 72.0, text.get_fontproperties())
+            smallest = min(smallest, *(size for _, size, *_ in parsed.glyphs))
+    return smallest
 
 
 def corners(text, renderer):

@@ -58,6 +58,8 @@ def plot_arrivals(
     link: int = 0,
     loss: "TransmissionLoss | None" = None,
     ax: Axes | None = None,
+    *,
+    one_column: bool = False,
 ) -> Axes:
     """
     Plot the level of the arrivals of a link over the delay from the first, with line styles by
@@ -73,11 +75,16 @@ def plot_arrivals(
         Loss of the arrivals. Default: spreading beyond spherical only.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default new ones.
+    one_column : bool
+        True for new axes in the style of the reports, in a figure for one column of a journal, 84
+        mm wide.
 
     Returns
     -------
     matplotlib.axes.Axes
     """
+    if one_column and ax is None:
+        return _arrivals_in_one_column(arrivals, link, loss)
     axes = axes_or_new(ax)
     rows = np.flatnonzero(arrivals.link == link)
     delay = 1e3 * (arrivals.travel_time[rows] - arrivals.travel_time[rows].min(initial=np.inf))
@@ -95,6 +102,15 @@ def plot_arrivals(
     if rows.size:
         axes.legend()
     return axes
+
+
+@style.styled
+def _arrivals_in_one_column(
+    arrivals: "Arrivals", link: int, loss: "TransmissionLoss | None"
+) -> Axes:
+    """Arrivals on the axes of a new figure for one column of a journal."""
+    _, (axes,) = style.panel_figure(style.COLUMN, "", 1, height=2.3, stacked=2.1)
+    return plot_arrivals(arrivals, link, loss, axes)
 
 
 def plot_rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:

@@ -5,7 +5,7 @@ first, then output, arrivals and water.
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
 from dataclasses import dataclass
@@ -759,6 +759,18 @@ Formats = Annotated[
 ]
 
 
+FigureFormats = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        metavar="NAME,...",
+        help="For a paper: png for 300 dpi, svg for SVG as well, 84mm for each figure in a layout"
+        " for one column of a journal as well; several with commas.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+
+
 @dataclass(frozen=True, kw_only=True)
 class FolderOptions:
     """Folder of the results, and formats of its figures and tables."""
@@ -775,12 +787,12 @@ class FolderOptions:
     formats: Formats = ""
 
 
-def format_names(text: str) -> tuple[str, ...]:
+def format_names(text: str, allowed: Sequence[str] = FORMATS) -> tuple[str, ...]:
     """Parse the names of ``--format``; an unknown name raises an error before any computation."""
     names = tuple(filter(None, text.split(",")))
     for name in names:
-        if name not in FORMATS:
+        if name not in allowed:
             raise typer.BadParameter(
-                f"{name!r} is unknown; allowed: {', '.join(FORMATS)}", param_hint="--format"
+                f"{name!r} is unknown; allowed: {', '.join(allowed)}", param_hint="--format"
             )
     return names

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 
 from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.jobs.progress import Progress
-from pymantaray.plotting.formats import FIGURE_KINDS, FIGURES, ONE_COLUMN
+from pymantaray.plotting.formats import FIGURE_KINDS, FIGURES, ONE_COLUMN, PRINTED
 from pymantaray.plotting.style import COLUMN, DOUBLE, in_one_column, legend_entries, rendered
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
-_PRINTED = 300.0  # dots per inch of a paper
 
 
 class Image(NamedTuple):
@@ -117,7 +116,7 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
         files[f"{ONE_COLUMN}.pdf"] = rendered(column, ("pdf",))["pdf"]
         if not in_one_column(figure):
             narrow = Image(rendered(column, ("png",), few_colours=True)["png"], *_size(column))
-    files |= rendered(figure, kinds, dpi=_PRINTED if printed else None, few_colours=not printed)
+    files |= rendered(figure, kinds, dpi=PRINTED if printed else None, few_colours=not printed)
     legend = legend_entries(figure)
     "".join(word for entry in legend for word in entry).encode()  # the page writes them
     return Picture(spec.name, spec.caption, width, height, files, legend, spec.paper, narrow=narrow)

@@ -38,6 +38,7 @@ from PIL import Image
 
 from pymantaray.errors import WriteError
 from pymantaray.jobs.progress import Progress
+from pymantaray.plotting.formats import FIGURE_FORMATS, ONE_COLUMN, PRINTED, checked_formats
 from pymantaray.records import whole_file
 
 with warnings.catch_warnings():
@@ -100,6 +101,7 @@ _BELOW_LABEL = 4.2  # from an axis to the space below its label, in sizes of a l
 _LEGEND_LINE = 0.14  # height of its lines [in]
 _TITLE_LETTERS = 17.5  # of a title in an inch of its panel
 _BESIDE_PANEL = 0.45  # inches beside a panel that its title does not cover
+_MIN_TITLE = 10  # letters of a line of a title
 _MARKERS = "osD^v<>phd"
 _SIGNS = dict(
     zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True)
@@ -316,19 +318,23 @@ def letter(panel: int) -> str:
     return ascii_lowercase[panel % len(ascii_lowercase)]
 
 
-def panel_title(axes: Axes, letter: str, text: str) -> None:
-    """Title of one panel of several, in lines that fit above it."""
-    axes.set_title(fitting(axes, f"({letter}) {text}"), loc="left")
+def panel_title(axes: Axes, letter: str, text: str, *, share: float = 1.0) -> None:
+    """Title of one panel of several, in lines that fit above it; ``share`` as in `fitting`."""
+    axes.set_title(fitting(axes, f"({letter}) {text}", share=share), loc="left")
 
 
-def fitting(axes: Axes, title: str) -> str:
-    """Title in lines that fit above a panel of a figure for one column of a journal."""
+def fitting(axes: Axes, title: str, *, share: float = 1.0) -> str:
+    """
+    Title in lines that fit above a panel of a figure for one column of a journal.
+
+    ``share`` is the width of what is drawn over that of the panel, less than 1 for a high map.
+    """
     figure = axes.get_figure(root=True)
     place = axes.get_subplotspec()
     if figure is None or place is None or not in_one_column(figure):
         return title
-    share = len(place.colspan) / place.get_gridspec().ncols
-    letters = int(_TITLE_LETTERS * (share * figure.get_figwidth() - _BESIDE_PANEL))
+    panel = figure.get_figwidth() * len(place.colspan) / place.get_gridspec().ncols
+    letters = max(int(_TITLE_LETTERS * share * (panel - _BESIDE_PANEL)), _MIN_TITLE)
     # a part between two commas stays on one line if it fits there
     parts = [p if len(p) > letters else p.replace(" ", "\u00a0") for p in title.split(", ")]
     return fill(", ".join(parts), letters).replace("\u00a0", " ")
@@ -566,24 +572,36 @@ def _few_colours(pixels: NDArray[np.uint8]) -> Image.Image:
 
 
 def write_figures(
-    draw: Mapping[str, Callable[[], Figure]],
+    draw: Mapping[str, Callable[[float], Figure]],
     folder: str | Path,
+    *,
+    formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Path]:
     """
     Draw figures by name and write them as PNG and PDF into a folder, which is created if necessary.
+
+    Each function draws a figure for a width [in]. ``formats`` adds ``svg``, gives the PNG 300 dots
+    per inch (``png``), or adds PNG and PDF of the layout for one column of a journal (``84mm``).
     """
+    checked_formats(formats, FIGURE_FORMATS)
     target = Path(folder)
+    kinds = ("png", "pdf", *(["svg"] if "svg" in formats else []))
+    dpi = PRINTED if "png" in formats else None
+    layouts = [(DOUBLE, "", kinds)]
+    if ONE_COLUMN in formats:
+        layouts.append((COLUMN, f".{ONE_COLUMN}", ("png", "pdf")))
     written = list[Path]()
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(f"{folder}: cannot be created: {error.strerror or error}") from None
     for i, (name, figure) in enumerate(draw.items()):
-        for kind, content in rendered(figure(), ("png", "pdf")).items():
-            written.append(target / f"{name}.{kind}")
-            with whole_file(written[-1]) as temporary:
-                temporary.write_bytes(content)
+        for width, suffix, own in layouts:
+            for kind, content in rendered(figure(width), own, dpi=dpi).items():
+                written.append(target / f"{name}{suffix}.{kind}")
+                with whole_file(written[-1]) as temporary:
+                    temporary.write_bytes(content)
         if progress is not None:
             progress("figures", i + 1, len(draw))
     return written

@@ -145,7 +145,8 @@ def test_every_option_reaches_the_figures_of_an_atlas(
     words = ("atlas", "plot", tmp_path / "atlas.nc", "--out", tmp_path / "plots")
     more = ("--convention", "chord", "--distance", "2 km", "--pair", "20 m,100")
     drawn = "pymantaray.apps.atlas.write_atlas_plots"
-    given = reached(drawn, *words, *more, "--at", "74.5,-140.25")
+    more += ("--at", "74.5,-140.25", "--format", "png,84mm")
+    given = reached(drawn, *words, *more)
     assert given[0] is opened
     assert (given[1], given["distance"]) == (tmp_path / "plots", 2000.0)
     monkeypatch.setattr(drawn, lambda *_, **given: [Path("a.png"), Path(str(given["progress"]))])

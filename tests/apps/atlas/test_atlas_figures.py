@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-import xarray as xr
+from made_up_atlas import made_atlas
 from matplotlib.collections import QuadMesh
 from PIL import Image
 from refusals import refused
@@ -21,42 +21,6 @@ from pymantaray.apps.atlas.page import write_atlas_page
 from pymantaray.errors import ReportError
 from pymantaray.pages.page import Page
 
-CONVENTIONS = ["transmitter", "receiver", "mean", "chord", "nominal"]
-
-
-def made(times=1, seed=2):
-    """
-    An atlas of 4 x 5 columns with land, an edge, a shallow place and one without a direct path.
-    """
-    rng = np.random.default_rng(seed)
-    worst = rng.uniform(0.1, 40.0, (times, 4, 5, 5, 2, 3))
-    lost = rng.uniform(0.0, 0.4, (times, 4, 5, 2, 3))
-    status = np.zeros((times, 4, 5), dtype="i1")
-    status[:, 0], status[:, 1, 0] = 2, 1
-    worst[status > 0], lost[status > 0] = np.nan, np.nan
-    worst[:, 2, 2], lost[:, 2, 2] = np.nan, np.nan  # shallow
-    worst[:, 3, 3], lost[:, 3, 3] = np.nan, 1.0
-    place = ("time", "lat", "lon")
-    return xr.Dataset(
-        {
-            "worst_range_error": ((*place, "convention", "pair", "distance"), worst),
-            "no_direct_path": ((*place, "pair", "distance"), lost),
-            "column_status": (place, status),
-        },
-        {
-            "time": np.datetime64("2014-07-15T12", "ns")
-            + np.timedelta64(1, "D") * np.arange(times),
-            "lat": 77.0 + 0.5 * np.arange(4),
-            "lon": -2.0 + np.arange(5),
-            "convention": CONVENTIONS,
-            "distance": [2e3, 5e3, 1e4],
-            "safe": [1.0, 5.0, 20.0],
-            "transmitter_depth": ("pair", [20.0, 20.0]),
-            "receiver_depth": ("pair", [20.0, 800.0]),
-        },
-        {"ocean": "Test Sea (synthetic)", "synthetic": 1},
-    )
-
 
 def meshes(axes):
     return [c for c in axes.collections if isinstance(c, QuadMesh)]
@@ -67,7 +31,7 @@ def values(mesh):
 
 
 def test_classes_are_those_of_the_largest_error_of_a_place(look, as_stored):
-    atlas = made()
+    atlas = made_atlas()
     figure = look.draw(safety_maps(atlas, [("here", 2, 1)]))
     as_stored(figure)
     classes, others = (values(mesh) for mesh in meshes(figure.axes[0]))
@@ -94,8 +58,23 @@ def test_classes_are_those_of_the_largest_error_of_a_place(look, as_stored):
     ]
 
 
+def test_maps_show_whole_cells_and_hatch_whole_cells(look):
+    atlas = made_atlas()
+    atlas["no_direct_path"][:, 2, 3:, :, 1] = 0.9
+    atlas["no_direct_path"][:, 3, 0, :, 1] = 0.9
+    axes = look.draw(safety_maps(atlas, [("here", 2, 1)])).axes[0]
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-2.5, 2.5), (76.75, 78.75))
+    (hatched,) = (patch.get_path() for patch in axes.patches if patch.get_hatch())
+    lat, lon = np.meshgrid(atlas["lat"], atlas["lon"], indexing="ij")
+    lost = atlas["no_direct_path"].values[0, ..., 1].mean(axis=-1) > 0.5
+    for north in (-0.24, 0.0, 0.24):  # near all corners of a cell of 0.5 degrees by 1 degree
+        for east in (-0.49, 0.0, 0.49):
+            points = np.column_stack([(lon + east).ravel(), (lat + north).ravel()])
+            np.testing.assert_array_equal(hatched.contains_points(points), lost.ravel())
+
+
 def test_errors_and_lost_paths_are_shown_with_their_units(look, as_stored):
-    atlas = made()
+    atlas = made_atlas()
     figure = look.draw(error_maps(atlas, 0, 2))
     as_stored(figure)
     error, lost = (values(meshes(axes)[0]) for axes in figure.axes[:2])
@@ -111,7 +90,7 @@ def test_errors_and_lost_paths_are_shown_with_their_units(look, as_stored):
 
 
 def test_through_time_the_share_of_instants_and_the_series_of_a_place(look, as_stored):
-    atlas = made(times=4)
+    atlas = made_atlas(times=4)
     figure = look.draw(share_maps(atlas, 1, 0))
     as_stored(figure, name="share")
     as_stored(figure.get_size_inches(), name="size of share")
@@ -137,13 +116,16 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look, as_s
 
 def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch, as_stored):
     monkeypatch.setattr(Page, "write", lambda page, _: page)
-    atlas = made(times=3).assign_attrs(title="made")
+    atlas = made_atlas(times=3).assign_attrs(title="made")
     whole = write_atlas_page(atlas, [], tmp_path)
     monkeypatch.setattr(atlas_page, "_MAX_NUMBERS", 600)
-    figures = [tmp_path / "atlas_error.png", tmp_path / "atlas_error.pdf"]
-    Image.new("L", (80, 60)).save(figures[0])
+    figures = [tmp_path / f"atlas_error.{kind}" for kind in ("png", "pdf", "84mm.png", "84mm.pdf")]
+    for file in figures:
+        Image.new("L", (80, 60)).save(file)
     half = write_atlas_page(atlas, figures, tmp_path)
     assert [(len(p.pictures), len(p.notes)) for p in (whole, half)] == [(0, 0), (1, 1)]
+    (picture,) = half.pictures
+    assert (*picture.files, picture.narrow.width) == ("84mm.pdf", "pdf", "png", 80)
     as_stored([[p.facts, p.notes, json.loads(p.explorer.data)] for p in (whole, half)])
     errors = np.array(json.loads(half.explorer.data)["error"], dtype=float)
     own = atlas["worst_range_error"].values[:, ::2, ::2].ravel()
@@ -151,13 +133,13 @@ def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch
 
 
 def test_a_series_without_a_place_is_of_the_middle_column():
-    atlas = made(times=2).assign_coords(lon=10.0 + np.arange(5))
+    atlas = made_atlas(times=2).assign_coords(lon=10.0 + np.arange(5))
     title = error_series(atlas, 0, None).axes[0].get_title(loc="left")
     assert title == "77.5° N, 12° E, 2 km"
 
 
 def test_a_place_of_a_series_may_be_given_east_or_west_of_180():
-    atlas = made(times=2).assign_coords(lon=178.0 + np.arange(5))
+    atlas = made_atlas(times=2).assign_coords(lon=178.0 + np.arange(5))
     for east in (181.0, -179.0):
         title = error_series(atlas, 0, (78.1, east)).axes[0].get_title(loc="left")
         assert title == "78° N, 179° W, 2 km"
@@ -165,11 +147,11 @@ def test_a_place_of_a_series_may_be_given_east_or_west_of_180():
 
 @pytest.mark.slow
 def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
-    paths = write_atlas_plots(made(times=2), tmp_path, pair=(20.0, 800.0), distance=1e4)
+    paths = write_atlas_plots(made_atlas(times=2), tmp_path, pair=(20.0, 800.0), distance=1e4)
     assert {path.stem for path in paths} == {
         f"atlas_{name}" for name in ("safe", "error", "conventions", "share", "series")
     }
-    atlas = made()
+    atlas = made_atlas()
     refused(
         ReportError,
         "convention best: not in the atlas, which has transmitter",
@@ -200,5 +182,5 @@ def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("synthetic", [0, 1])
 def test_a_synthetic_ocean_is_called_that(look, synthetic):
-    atlas = made().assign_attrs(synthetic=synthetic)
+    atlas = made_atlas().assign_attrs(synthetic=synthetic)
     assert ("synthetic" in look.draw(error_maps(atlas, 0, 0)).get_suptitle()) == bool(synthetic)

@@ -606,7 +606,7 @@ def test_every_option_reaches_profiles_that_are_shown(make, mantaray, told, as_s
 def test_every_option_reaches_the_plots(make, reached, mantaray, monkeypatch, quiet):
     words = ("ocean", "plot", "ocean.nc", *HERE.split(), "--bathymetry", 390, "--out", "p", *quiet)
     function = "pymantaray.apps.ocean.write_ocean_plots"
-    where = ("--depth", "0.1km", "--at", "74.02,-140.03")
+    where = ("--depth", "0.1km", "--at", "74.02,-140.03", "--format", "svg,84mm")
     given = reached(function, *words, *where, without=KNOWN)
     assert given[1] == Path("p")
     monkeypatch.setattr(function, lambda *_, **__: [Path("p/a.png"), Path("p/a.pdf")])

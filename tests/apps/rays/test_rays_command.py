@@ -603,7 +603,7 @@ def test_every_option_reaches_what_is_written(
 @pytest.mark.parametrize(
     "ends", [DIRECT, (*DIRECT, "--receiver", "1km,2,3"), ("--links", "one.csv")]
 )
-def test_every_option_reaches_the_picture(rays, reached, folder, monkeypatch, as_stored, ends):
+def test_every_option_reaches_the_picture(rays, mantaray, reached, monkeypatch, as_stored, ends):
     Path("one.csv").write_text(f"name,{','.join(ENDS)}\nA,0,1,20,-300,-4,60\nB,0,2,5,90,4,60\n")
     words = (*ends, *BENT.split(), "--fan", -9, 8, 3)
     reached("pymantaray.acoustics.ray_picture", "rays", "plot", "out.png", *words, without=SAME)
@@ -613,7 +613,14 @@ def test_every_option_reaches_the_picture(rays, reached, folder, monkeypatch, as
     ((pictures, path), names) = given[0]
     assert path == Path("out.png")
     as_stored([lines_of(printed), [p["ray_arrives"] for p in pictures], names])
-    assert rays("plot", "out.png", *words, "--quiet") == "out.png\n"
+    both = rays("plot", "out.png", *words, "--quiet", "--format", "84mm")
+    assert both == "out.png\nout.84mm.png\n"
+    assert [(path.name, how["one_column"]) for (_, path), how in given[1:]] == [
+        ("out.png", False),
+        ("out.84mm.png", True),
+    ]
+    other = mantaray("rays", "plot", "out.png", *words, "--format", "tex")
+    assert (other.code, "'tex' is unknown; allowed: 84mm" in other.err) == (2, True)
 
 
 OUTPUTS = {"times": "csv", "eigen": "nc", "trace": "csv", "plot": "png"}

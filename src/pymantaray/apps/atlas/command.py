@@ -14,6 +14,7 @@ from pymantaray.cli.groups import Fields, existing, quantities, quantity, with_o
 from pymantaray.cli.options import (
     OUTPUT,
     Commands,
+    FigureFormats,
     Force,
     Json,
     ProcessOptions,
@@ -23,11 +24,13 @@ from pymantaray.cli.options import (
     TableOptions,
     To,
     WaterOptions,
+    format_names,
     parse_duration,
 )
 from pymantaray.cli.output import check_output, counted_progress, resumable
 from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
+from pymantaray.plotting.formats import FIGURE_FORMATS
 
 if TYPE_CHECKING:
     from pymantaray.config.door.sound import SoundOptions
@@ -244,12 +247,14 @@ def plot(
             help="Place of the time series, for an atlas with several instants.",
         ),
     ] = None,
+    formats: FigureFormats = "",
     quiet: Quiet = False,
 ) -> None:
     """
     Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive
     page.
     """
+    names = format_names(formats, FIGURE_FORMATS)
     from pymantaray.apps.atlas import open_atlas, write_atlas_page, write_atlas_plots
     from pymantaray.cli.output import progress_bars
 
@@ -261,6 +266,7 @@ def plot(
             distance=distance,
             pair=pair,
             place=at,
+            formats=names,
             progress=progress,
         )
         page = write_atlas_page(dataset, paths, out)

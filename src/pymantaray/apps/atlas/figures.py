@@ -4,6 +4,7 @@ direct path, and time series.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path as Outline
 from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
 
 from pymantaray.apps.atlas.dataset import largest_over_pairs, mean_lost_over_pairs
 from pymantaray.apps.ocean.figures import (
@@ -53,6 +56,9 @@ _LOST_SHARE = 0.5  # share of the links without a direct path above which a safe
 _LOGARITHMIC = 10.0  # greatest by least error above which colours are by the logarithm
 _LINES = "////"
 _COLUMNS = 2  # of maps beside each other
+_PAGE = 9.0  # greatest height of a figure [in]
+_HIGHEST = 1.4  # height over width of a panel; a higher map does not fill its width
+_FEW_TICKS = 2.0  # inches for a map, below which it has fewer ticks
 
 
 def write_atlas_plots(
@@ -63,6 +69,7 @@ def write_atlas_plots(
     distance: float | None = None,
     pair: tuple[float, float] | None = None,
     place: tuple[float, float] | None = None,
+    formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Path]:
     """
@@ -88,6 +95,9 @@ def write_atlas_plots(
     place : tuple of float, optional
         Latitude and longitude of the time series, which shows the nearest column. Default: the
         middle of the map. [degrees]
+    formats : sequence of str
+        ``svg`` for SVG as well, ``png`` for PNG with 300 dpi, ``84mm`` for PNG and PDF in a layout
+        for one column of a journal as well.
     progress : callable, optional
         Called with ``"figures"``, the number of finished figures and the total.
 
@@ -100,7 +110,7 @@ def write_atlas_plots(
     ------
     ReportError
         If the atlas has no such convention, distance or pair, or has only one latitude or
-        longitude.
+        longitude, or if a format is unknown.
     WriteError
         If a file cannot be written.
     """
@@ -120,27 +130,23 @@ def write_atlas_plots(
             raise ReportError(f"pair {pair[0]:g},{pair[1]:g}: not in the atlas, which has {listed}")
         atlas = atlas.isel(pair=[pairs.index(pair)])
     km = f"{float(atlas['distance'][where]) / 1e3:g} km"
-    draw: dict[str, Callable[[], Figure]] = {
-        "atlas_safe": lambda: safety_maps(
-            atlas,
-            [
-                (f"{d / 1e3:g} km, {CONVENTION_WORDS[convention]}", here, k)
-                for k, d in enumerate(distances)
-            ],
-        ),
-        "atlas_error": lambda: error_maps(atlas, here, where),
-        "atlas_conventions": lambda: safety_maps(
-            atlas,
-            [
-                (f"{km}, {CONVENTION_WORDS[str(name)]}", k, where)
-                for k, name in enumerate(atlas["convention"].values)
-            ],
-        ),
+    by_distance = [
+        (f"{d / 1e3:g} km, {CONVENTION_WORDS[convention]}", here, k)
+        for k, d in enumerate(distances)
+    ]
+    by_convention = [
+        (f"{km}, {CONVENTION_WORDS[str(name)]}", k, where)
+        for k, name in enumerate(atlas["convention"].values)
+    ]
+    draw: dict[str, Callable[[float], Figure]] = {
+        "atlas_safe": partial(safety_maps, atlas, by_distance),
+        "atlas_error": partial(error_maps, atlas, here, where),
+        "atlas_conventions": partial(safety_maps, atlas, by_convention),
     }
     if atlas.sizes["time"] > 1:
-        draw["atlas_share"] = lambda: share_maps(atlas, here, where)
-        draw["atlas_series"] = lambda: error_series(atlas, where, place)
-    return style.write_figures(draw, folder, progress)
+        draw["atlas_share"] = partial(share_maps, atlas, here, where)
+        draw["atlas_series"] = partial(error_series, atlas, where, place)
+    return style.write_figures(draw, folder, formats=formats, progress=progress)
 
 
 def _one_of(atlas: xr.Dataset, name: str, value: str | float) -> int:
@@ -153,14 +159,16 @@ def _one_of(atlas: xr.Dataset, name: str, value: str | float) -> int:
 
 
 @style.styled
-def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Figure:
+def safety_maps(
+    atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]], width: float = style.DOUBLE
+) -> Figure:
     """
     Maps of error classes, one for each title, convention and distance: largest error of all pairs,
     bearings and instants.
     """
     safe = atlas["safe"].values
     colours = [style.LEVELS(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
-    figure, axes = _maps(atlas, len(panels), legend=True)
+    figure, axes = _maps(atlas, len(panels), width, below=0.45)
     for k, (title, convention, distance) in enumerate(panels):
         worst = worst_error(atlas, convention, distance)
         classes = np.where(np.isnan(worst), np.nan, np.searchsorted(safe, np.nan_to_num(worst)))
@@ -171,25 +179,25 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
         # hatch the cells of some columns
         where = np.nan_to_num(_lost(atlas, distance)) > _LOST_SHARE
         if where.any():
-            look: dict[str, Any] = {"colors": "none", "hatches": [_LINES], "zorder": 2}
-            axes[k].contourf(
-                atlas["lon"], atlas["lat"], where.astype(float), levels=[0.5, 1.5], **look
-            )
+            _hatch(axes[k], atlas, where)
         _finish(axes[k], atlas, (k, title), distance)
     names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
     handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]
-    figure.legend(handles=[*handles, *_other_patches(atlas)], loc="outside lower center", ncols=8)
+    handles += _other_patches(atlas)
+    style.common_legend(figure, handles, loc="outside lower center")
     figure.draw_without_rendering()
     return figure
 
 
 @style.styled
-def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
+def error_maps(
+    atlas: xr.Dataset, convention: int, distance: int, width: float = style.DOUBLE
+) -> Figure:
     """
     Maps of the largest error of all pairs and bearings, and of the share of links without a direct
     path.
     """
-    figure, axes = _maps(atlas, 2, legend=False)
+    figure, axes = _maps(atlas, 2, width, below=0.7, bars=True)
     worst = worst_error(atlas, convention, distance)
     lost = _lost(atlas, distance)
     known = worst[np.isfinite(worst) & (worst > 0.0)]
@@ -220,13 +228,15 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 
 @style.styled
-def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
+def share_maps(
+    atlas: xr.Dataset, convention: int, distance: int, width: float = style.DOUBLE
+) -> Figure:
     """
     Maps of the share of instants at which no direct range error is larger, one for each error
     threshold.
     """
     safe = atlas["safe"].values
-    figure, axes = _maps(atlas, safe.size, legend=False)
+    figure, axes = _maps(atlas, safe.size, width, below=0.7)
     worst = _over_pairs(atlas, convention, distance)
     direct = np.isfinite(worst).sum(axis=0)
     for k, limit in enumerate(safe):
@@ -236,7 +246,7 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
         mesh = axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], share, cmap=style.LEVELS, vmin=0.0, vmax=100.0, **CELLS
         )
-        _finish(axes[k], atlas, (k, f"safe to {limit:g} m"), distance)
+        _finish(axes[k], atlas, (k, f"safe to {limit:g}\u00a0m"), distance)
     finish_bar(
         figure.colorbar(mesh, ax=list(axes), aspect=40, location="bottom"),
         "Share of the instants [%]",
@@ -246,7 +256,12 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 
 @style.styled
-def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | None) -> Figure:
+def error_series(
+    atlas: xr.Dataset,
+    distance: int,
+    place: tuple[float, float] | None,
+    width: float = style.DOUBLE,
+) -> Figure:
     """
     Time series of the largest error of each convention at one place, and of the share of its links
     without a direct path.
@@ -259,7 +274,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
         int(np.argmin(np.abs(axis - x)))
         for axis, x in ((lat, at[0]), (lon, wrap_longitude(at[1], about=middle)))
     )
-    figure = style.new_figure(style.DOUBLE, 3.2, _header(atlas))
+    figure = style.new_figure(width, 3.2, _header(atlas))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
     time = atlas["time"].values
     for k, name in enumerate(map(str, atlas["convention"].values)):
@@ -290,7 +305,8 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
         f" {longitude_label(float(lon[j]), digits=2, unit='° ')}"
     )
     upper.set_title(f"{there}, {km}", loc="left")
-    figure.legend(loc="outside lower center", ncols=5)
+    handles = upper.get_legend_handles_labels()[0]
+    style.common_legend(figure, handles, loc="outside lower center", ncols=5)
     return figure
 
 
@@ -314,19 +330,55 @@ def _lost(atlas: xr.Dataset, distance: int) -> Array:
     return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
 
 
-def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:
-    """Figure with rows of maps, and room for a common header and legend."""
-    lat = atlas["lat"].values
-    lon = atlas["lon"].values
-    shape = map_shape(lat, lon)
-    rows = -(-count // _COLUMNS)
-    width = (style.DOUBLE - 0.9) / _COLUMNS
-    height = rows * (width * min(shape, 1.4) + 0.45) + (0.45 if legend else 0.7)
-    figure = style.new_figure(style.DOUBLE, min(height, 9.0), _header(atlas))
-    panels = figure.subplots(rows, min(count, _COLUMNS), squeeze=False).ravel()
+def _maps(
+    atlas: xr.Dataset, count: int, width: float, *, below: float, bars: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """
+    Figure with rows of maps, and room for a common header and what is below the maps. [in]
+
+    In one column of a journal, the maps are below each other if they fit on its page. With
+    ``bars``, each map has a colour bar below it.
+    """
+    shape = min(_shape(atlas), _HIGHEST)
+    narrow = width == style.COLUMN
+    # titles of narrow maps have more lines, and bars are below each row
+    between = (0.6 if narrow else 0.45) + (0.55 if narrow and bars else 0.0)
+    for columns in (1, _COLUMNS) if narrow else (_COLUMNS,):
+        rows = -(-count // columns)
+        side = (width - (0.5 if narrow else 0.45) * columns) / columns
+        height = rows * (side * shape + between) + below
+        if height <= _PAGE:
+            break
+    figure = style.new_figure(width, min(height, _PAGE), _header(atlas))
+    panels = figure.subplots(rows, min(count, columns), squeeze=False).ravel()
     for axes in panels[count:]:
         axes.set_axis_off()
     return figure, list(panels[:count])
+
+
+def _shape(atlas: xr.Dataset) -> float:
+    """Ratio of height to width of a map of all cells."""
+    return map_shape(cell_edges(atlas["lat"].values), cell_edges(atlas["lon"].values))
+
+
+def cell_edges(centre: Array) -> Array:
+    """Edges (n + 1) of the cells about points (n) of an axis, halfway between the points."""
+    middle = 0.5 * (centre[1:] + centre[:-1])
+    return np.concatenate([[2.0 * centre[0] - middle[0]], middle, [2.0 * centre[-1] - middle[-1]]])
+
+
+def _hatch(axes: Axes, atlas: xr.Dataset, where: NDArray[np.bool_]) -> None:
+    """Hatch whole cells (lat, lon); neighbours in a row are one rectangle."""
+    lon, lat = (cell_edges(atlas[name].values) for name in ("lon", "lat"))
+    corners = []
+    for row, marked in enumerate(where):
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
+        for west, east in lon[ends].reshape(-1, 2):
+            south, north = lat[row : row + 2]
+            corners.append([(west, south), (east, south), (east, north), (west, north)])
+    area = Outline.make_compound_path_from_polys(np.array(corners))
+    look: dict[str, Any] = {"facecolor": "none", "edgecolor": style.INK, "linewidth": 0.0}
+    axes.add_patch(PathPatch(area, hatch=_LINES, zorder=2, **look))
 
 
 def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int) -> None:
@@ -339,11 +391,17 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
         axes.pcolormesh(
             atlas["lon"], atlas["lat"], others, cmap=colours, vmin=0, vmax=last, **CELLS
         )
-    lay_out_map(axes, atlas["lat"].values, atlas["lon"].values, ticks=4)
+    lat, lon = (cell_edges(atlas[name].values) for name in ("lat", "lon"))
+    figure, place = axes.get_figure(root=True), axes.get_subplotspec()
+    assert figure is not None and place is not None  # noqa: PT018
+    side = figure.get_figwidth() / place.get_gridspec().ncols
+    lay_out_map(axes, lat, lon, ticks=4 if side > _FEW_TICKS else 2)
     axes.set_xlabel("Longitude [°]")
-    if title[0] % _COLUMNS == 0:
+    if place.is_first_col():
         axes.set_ylabel("Latitude [°]")
-    style.panel_title(axes, "abcdefghij"[title[0] % 10], title[1])
+    style.panel_title(
+        axes, "abcdefghij"[title[0] % 10], title[1], share=min(_HIGHEST / _shape(atlas), 1.0)
+    )
 
 
 def _others(atlas: xr.Dataset, distance: int) -> Array:

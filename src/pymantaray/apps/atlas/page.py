@@ -8,16 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from pymantaray.apps.atlas.dataset import notes_of
 from pymantaray.apps.atlas.figures import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.pages.page import Explorer, Page, as_json
-from pymantaray.plotting.drawing import Picture
+from pymantaray.plotting import style
+from pymantaray.plotting.drawing import Image, Picture
+from pymantaray.plotting.formats import ONE_COLUMN
 from pymantaray.records.digits import counted
 
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
+_COLUMN_WIDTH = 440  # of its layout for one column [px]
+_COLOURS = 9  # of the colour map on the page
 _CAPTIONS = {
     "atlas_safe": "Locations with safe ranges, by distance.",
     "atlas_error": "Largest range error, and the share of the links without a direct path.",
@@ -73,6 +78,10 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
             [part["transmitter_depth"].values, part["receiver_depth"].values], axis=1
         ),
         "error": values.ravel().astype(float).round(3),
+        "colours": [
+            [x, to_hex(style.LEVELS.reversed()(x))]
+            for x in np.linspace(0.0, 1.0, _COLOURS).tolist()
+        ],
     }
     instants = counted(atlas.sizes["time"], "instant")
     thinned = [
@@ -84,21 +93,43 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     ]
     page = Page(
         title=str(atlas.attrs["title"]),
-        facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],
+        facts=[
+            style.ocean_header(
+                {"title": atlas.attrs["ocean"], "synthetic": atlas.attrs["synthetic"]}
+            ),
+            f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}",
+        ],
         notes=[*notes_of(atlas), *(thinned if step > 1 else [])],
         explorer=Explorer("pymantaray.apps.atlas/atlas", as_json(content)),
-        pictures=[_picture(file) for file in figures if file.suffix == ".png"],
+        pictures=[
+            _picture(file, figures)
+            for file in figures
+            if file.suffix == ".png" and file.stem in _CAPTIONS
+        ],
     )
     return page.write(folder)
 
 
-def _picture(file: Path) -> Picture:
-    height, width = imread(file).shape[:2]
+def _picture(file: Path, figures: Sequence[Path]) -> Picture:
+    """Figure with its other files and its layout for one column, if they are there."""
+    name = file.stem
+    others = [f"{ONE_COLUMN}.pdf", "pdf"]
+    files = {kind: file.with_name(f"{name}.{kind}") for kind in others}
+    files = {kind: path for kind, path in files.items() if path in figures} | {"png": file}
+    column = file.with_name(f"{name}.{ONE_COLUMN}.png")
     return Picture(
-        file.stem,
-        _CAPTIONS[file.stem],
-        min(width, _WIDTH),
-        round(height * min(width, _WIDTH) / width),
-        {"png": file.read_bytes()},
+        name,
+        _CAPTIONS[name],
+        *_size(file, _WIDTH),
+        {kind: path.read_bytes() for kind, path in files.items()},
         folder="",
+        narrow=Image(column.read_bytes(), *_size(column, _COLUMN_WIDTH))
+        if column in figures
+        else None,
     )
+
+
+def _size(file: Path, widest: int) -> tuple[int, int]:
+    """Width and height of a PNG on the page. [px]"""
+    height, width = imread(file).shape[:2]
+    return min(width, widest), round(height * min(width, widest) / width)

@@ -15,6 +15,7 @@ from pymantaray.cli.groups import existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
     OUTPUT,
     Commands,
+    FigureFormats,
     Force,
     GridOptions,
     Json,
@@ -24,6 +25,7 @@ from pymantaray.cli.options import (
     To,
     WaterOptions,
     changes_of,
+    format_names,
     metres_of,
     parse_duration,
 )
@@ -31,6 +33,7 @@ from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import Printer, in_options, printer
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean.names import Equation
+from pymantaray.plotting.formats import FIGURE_FORMATS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -355,9 +358,11 @@ def plot(
             help="Intersection of the sections. Default: the middle.",
         ),
     ] = None,
+    formats: FigureFormats = "",
     quiet: Quiet = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
+    names = format_names(formats, FIGURE_FORMATS)
     from pymantaray.apps.ocean import write_ocean_plots
 
     own, _, note = _at_one_instant(_configured(files, water, currents="rest"))
@@ -367,7 +372,13 @@ def plot(
     printed.notes(own.notes() if own.is_profile else own.notes_of(ocean, floor))
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(
-            ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress
+            ocean,
+            out,
+            depth=depth,
+            place=at,
+            sea_floor=floor,
+            formats=names,
+            progress=progress,
         )
     for path in paths:
         typer.echo(str(path))

@@ -3,7 +3,8 @@ Plots of an ocean on the grid of its source: profiles, maps of sound speed, curr
 vertical sections.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
@@ -30,7 +32,9 @@ _LEVEL = 100.0  # m; of the map unless another is asked for
 LAND = "#d9d2c7"
 CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
 _ARROWS = {style.DOUBLE: 32, style.COLUMN: 18}  # across the longer side of a map
+_HIGH_MAP = 1.1  # height over width of a map that is always drawn in one column
 _MARGIN = 0.07  # of the axes, within which contour lines get no labels
+_APART = 0.11  # of the axes of a figure over both columns, between labels of contour lines
 # white lines must read on yellow
 _OUTLINE: list[AbstractPathEffect] = [withStroke(linewidth=1.3, foreground="#30303070")]
 
@@ -42,6 +46,7 @@ def write_ocean_plots(
     depth: float | None = None,
     place: tuple[float, float] | None = None,
     sea_floor: xr.DataArray | None = None,
+    formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Path]:
     """
@@ -60,6 +65,9 @@ def write_ocean_plots(
         [degrees]
     sea_floor : xarray.DataArray, optional
         Sea floor from `pymantaray.ocean.open_sea_floor`. [m]
+    formats : sequence of str
+        ``svg`` for SVG as well, ``png`` for PNG with 300 dpi, ``84mm`` for PNG and PDF in a layout
+        for one column of a journal as well.
     progress : callable, optional
         Called with ``"figures"``, the number of finished figures and the total.
 
@@ -71,7 +79,8 @@ def write_ocean_plots(
     Raises
     ------
     ReportError
-        If the place is outside the window, or the depth is below the deepest water.
+        If the place is outside the window, the depth is below the deepest water, or a format is
+        unknown.
     WriteError
         If a file cannot be written.
     """
@@ -95,20 +104,25 @@ def write_ocean_plots(
         else str(np.datetime_as_string(ocean["time"].values, unit="s"))
     )
     header = style.ocean_header({**ocean.attrs, "time": time})
-    draw: dict[str, Callable[[], Figure]] = {
-        "ocean_profiles": lambda: sound_speed_profiles(
+    draw: dict[str, Callable[[float], Figure]] = {
+        # has one layout, which is that of one column
+        "ocean_profiles": lambda _: sound_speed_profiles(
             [(style.ocean_name(ocean.attrs), sound_speed_profile_spread(ocean))], header
         ),
-        "ocean_sections": lambda: sound_speed_sections(ocean, where, header, sea_floor),
-        "ocean_map": lambda: sound_speed_map(ocean, level, header, sea_floor),
-        "ocean_sea_floor": lambda: sea_floor_map(ocean, header, sea_floor),
+        "ocean_sections": partial(sound_speed_sections, ocean, where, header, sea_floor),
+        "ocean_map": partial(sound_speed_map, ocean, level, header, sea_floor),
+        "ocean_sea_floor": partial(sea_floor_map, ocean, header, sea_floor),
     }
-    return style.write_figures(draw, folder, progress)
+    return style.write_figures(draw, folder, formats=formats, progress=progress)
 
 
 @style.styled
 def sound_speed_map(
-    ocean: xr.Dataset, depth: float, header: str, sea_floor: xr.DataArray | None = None
+    ocean: xr.Dataset,
+    depth: float,
+    header: str,
+    sea_floor: xr.DataArray | None = None,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """Map of the sound speed at a level, with currents as arrows and the sea floor as contours."""
     k = _nearest(ocean["depth"].values, depth)
@@ -122,11 +136,18 @@ def sound_speed_map(
         _draw_currents(axes, ocean.isel(depth=k), arrows)
         return mesh
 
-    return _map(ocean, draw, "Sound speed [m/s]", header, f"at {level:g} m depth")
+    figure, bar = _map(ocean, draw, header, f"at {level:g} m depth", width)
+    finish_bar(bar, "Sound speed [m/s]")
+    return _laid_out(figure)
 
 
 @style.styled
-def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None = None) -> Figure:
+def sea_floor_map(
+    ocean: xr.Dataset,
+    header: str,
+    sea_floor: xr.DataArray | None = None,
+    width: float = style.DOUBLE,
+) -> Figure:
     """Map of the depth of the sea floor."""
     floor = _floor_of(ocean, sea_floor)
     source = (
@@ -142,35 +163,35 @@ def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None
         _draw_floor_lines(axes, floor)
         return mesh
 
-    return _map(ocean, draw, "Sea floor depth [m]", header, f"sea floor, {source}", invert=True)
+    figure, bar = _map(ocean, draw, header, f"sea floor, {source}", width)
+    finish_bar(bar, "Sea floor depth [m]")
+    bar.ax.invert_yaxis()
+    return _laid_out(figure)
 
 
 def _map(
-    ocean: xr.Dataset,
-    draw: Callable[[Axes, int], Any],
-    label: str,
-    header: str,
-    title: str,
-    *,
-    invert: bool = False,
-) -> Figure:
-    """Map of the ocean's window, with equal scales northward and eastward at its middle."""
+    ocean: xr.Dataset, draw: Callable[[Axes, int], Any], header: str, title: str, width: float
+) -> tuple[Figure, Colorbar]:
+    """
+    Map of the ocean's window, with equal scales northward and eastward at its middle, and its
+    colour bar.
+    """
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     shape = map_shape(lat, lon)
-    wide = shape < 1.1
-    width = style.DOUBLE if wide else style.COLUMN
+    width = width if shape < _HIGH_MAP else style.COLUMN
+    wide = width > style.COLUMN
     height = min(max((width - 1.4) * shape + 0.75, 2.4), 7.0)
     figure = style.new_figure(width, height, header)
     axes = figure.subplots()
     mesh = draw(axes, _ARROWS[width])
     lay_out_map(axes, lat, lon, ticks=7 if wide else 4)
     axes.set(xlabel="Longitude [°]", ylabel="Latitude [°]")
-    axes.set_title(title, loc="left")
-    bar = figure.colorbar(mesh, ax=axes, pad=0.015, aspect=24)
-    finish_bar(bar, label)
-    if invert:
-        bar.ax.invert_yaxis()
-    # a first layout, which the fixed aspect changes; the next one fits
+    axes.set_title(style.fitting(axes, title), loc="left")
+    return figure, figure.colorbar(mesh, ax=axes, pad=0.015, aspect=24)
+
+
+def _laid_out(figure: Figure) -> Figure:
+    """Figure after a first layout, which the fixed aspect of a map changes; the next one fits."""
     figure.draw_without_rendering()
     return figure
 
@@ -259,6 +280,7 @@ def sound_speed_sections(
     place: tuple[float, float],
     header: str,
     sea_floor: xr.DataArray | None = None,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """
     Sections of the sound speed along a parallel and a meridian through a place: upper part and all
@@ -269,9 +291,8 @@ def sound_speed_sections(
     known = np.any([np.isfinite(cut.speed).any(axis=1) for cut in cuts], axis=0)
     lowest = float(depth[known][-1])
     deepest = max(min(max(float(cut.bed.max()) for cut in cuts), 1.02 * lowest), lowest)
-    figure = style.new_figure(style.DOUBLE, 4.4, header)
-    widths = _widths(ocean["lat"].values, ocean["lon"].values)
-    panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
+    figure, panels = _section_panels(ocean, header, width)
+    narrow = width == style.COLUMN
     for i, limit in enumerate((min(UPPER_DEPTH, deepest), deepest)):
         shown = np.concatenate([cut.speed[depth <= limit].ravel() for cut in cuts])
         low = np.nanmin(shown)
@@ -280,19 +301,36 @@ def sound_speed_sections(
             axes = panels[i, j]
             mesh = _draw_section(axes, depth, cut, (low, high), limit)
             axes.axvline(cut.crossing, color=style.INK, linestyle=":", linewidth=0.7, zorder=1.5)
-            if i == 0:
-                style.panel_title(axes, "ab"[j], cut.title)
+            if i == 0 or narrow:
+                style.panel_title(axes, "abcd"[2 * i + j], cut.title)
             axes.xaxis.set_major_formatter(
                 FuncFormatter(longitude_label if j == 0 else latitude_label)
             )
             axes.xaxis.set_major_locator(MaxNLocator(5 if j == 0 else 4, steps=[1, 2, 5, 10]))
-        panels[i, 0].set_ylabel("Depth [m]")
-        finish_bar(
-            figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]"
-        )
-    panels[1, 0].set_xlabel("Longitude [°]")
-    panels[1, 1].set_xlabel("Latitude [°]")
+        for axes in panels[i, :] if narrow else panels[i, :1]:
+            axes.set_ylabel("Depth [m]")
+        bar = figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=30 if narrow else 16)
+        finish_bar(bar, "Sound speed [m/s]")
+    for row in panels if narrow else panels[1:]:
+        row[0].set_xlabel("Longitude [°]")
+        row[1].set_xlabel("Latitude [°]")
     return figure
+
+
+def _section_panels(
+    ocean: xr.Dataset, header: str, width: float
+) -> tuple[Figure, NDArray[np.object_]]:
+    """
+    Panels by part of the depths and by section: both sections beside each other, or all panels
+    below each other in one column of a journal.
+    """
+    if width == style.COLUMN:
+        figure = style.new_figure(width, 7.6, header)
+        return figure, figure.subplots(4, 1).reshape(2, 2)
+    figure = style.new_figure(width, 4.4, header)
+    widths = _widths(ocean["lat"].values, ocean["lon"].values)
+    panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
+    return figure, panels
 
 
 def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) -> tuple[_Cut, _Cut]:
@@ -398,6 +436,9 @@ def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
     other.
     """
     to_axes = axes.transData + axes.transAxes.inverted()
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    apart = _APART * style.DOUBLE / figure.get_figwidth()
     places: list[Array] = []
     for path in lines.get_paths():
         for line in path.to_polygons(closed_only=False):
@@ -409,7 +450,7 @@ def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
             if len(inside) < 2 or np.ptp(inside, axis=0).max() < 2.0 * _MARGIN:
                 continue
             middle = inside[np.argsort(np.abs(np.arange(len(inside)) - 0.5 * len(inside)))]
-            free = (p for p in middle if all(np.hypot(*(p - q)) > 1.6 * _MARGIN for q in places))
+            free = (p for p in middle if all(np.hypot(*(p - q)) > apart for q in places))
             place = next(free, None)
             if place is not None:
                 places.append(place)
@@ -418,7 +459,7 @@ def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
         return
     at = to_axes.inverted().transform(places)
     for text in axes.clabel(
-        lines, fontsize=5.5, fmt=form, colors="white", zorder=2, manual=at.tolist()
+        lines, fontsize=6.0, fmt=form, colors="white", zorder=2, manual=at.tolist()
     ):
         text.set_path_effects(_OUTLINE)
 

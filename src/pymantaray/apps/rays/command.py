@@ -13,6 +13,7 @@ from pymantaray.cli import output
 from pymantaray.cli.groups import existing, number_in, quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
+    OUTPUT,
     Commands,
     Force,
     PrintOptions,
@@ -20,10 +21,12 @@ from pymantaray.cli.options import (
     SearchOptions,
     SourceOptions,
     WaterOptions,
+    format_names,
 )
 from pymantaray.cli.printing import printer
 from pymantaray.cli.water import load_water, water_notes
 from pymantaray.errors import AcousticsError
+from pymantaray.plotting.formats import ONE_COLUMN
 
 if TYPE_CHECKING:
     import numpy as np
@@ -187,18 +190,47 @@ class EndOptions:
     ] = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class FigureOptions:
+    """File of a figure, and its layout for one column of a journal."""
+
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")
+    ]
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="84mm",
+            help="For a paper: 84mm writes OUT.84mm.png (or .pdf) as well, in a layout for one"
+            " column of a journal.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = ""
+    force: Force = False
+
+    def files(self, inputs: list[Path]) -> list[Path]:
+        """
+        Files for both columns and, if requested, for one; raise an error if one must not be
+        written.
+        """
+        files = [self.out]
+        if format_names(self.formats, (ONE_COLUMN,)):
+            files.append(self.out.with_suffix(f".{ONE_COLUMN}{self.out.suffix}"))
+        for file in files:
+            output.check_output(file, (".png", ".pdf"), inputs=inputs, force=self.force)
+        return files
+
+
 @app.command()
 @with_options
 def plot(
-    out: Annotated[
-        Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")
-    ],
+    figure: FigureOptions,
     ends: EndOptions,
     source: SourceOptions,
     water: WaterOptions,
     search: SearchOptions,
     fan: Fan = None,
-    force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """Draw the rays of one or several links over sound speed and sea bed."""
@@ -206,8 +238,7 @@ def plot(
     from pymantaray.apps.rays import write_ray_plot
     from pymantaray.plotting.style import ocean_header
 
-    inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
-    output.check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
+    files = figure.files([*source.files, *water.files, *([ends.links] if ends.links else [])])
     angles = () if fan is None else _fan_angles(*fan)
     _check_ends(ends)
     loaded = load_water(source, water, search)
@@ -231,12 +262,9 @@ def plot(
         except AcousticsError as error:
             raise AcousticsError(f"{title}: {error}") from None
         titles.append(title)
-    write_ray_plot(
-        pictures,
-        out,
-        titles=titles,
-        header=ocean_header({} if loaded.local is None else loaded.local.attrs),
-    )
+    header = ocean_header({} if loaded.local is None else loaded.local.attrs)
+    for file, one_column in zip(files, (False, True), strict=False):
+        write_ray_plot(pictures, file, titles=titles, header=header, one_column=one_column)
     with printer(quiet=quiet) as printed:
         for title, picture in zip(titles, pictures, strict=True):
             count = int(picture["ray_arrives"].sum())
@@ -245,7 +273,7 @@ def plot(
                 f" {picture.attrs['status'].lower()}"
             )
         printed.notes(water_notes(loaded))
-        printed.paths(out)
+        printed.paths(*files)
 
 
 def _fan_angles(first: float, last: float, count: int) -> "Array":

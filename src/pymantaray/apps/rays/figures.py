@@ -6,13 +6,18 @@ from pathlib import Path
 import xarray as xr
 
 from pymantaray.errors import ReportError
-from pymantaray.plotting.style import rendered
+from pymantaray.plotting.style import COLUMN, DOUBLE, rendered
 from pymantaray.plotting.water import rays_of_links
 from pymantaray.records import whole_file
 
 
 def write_ray_plot(
-    pictures: Sequence[xr.Dataset], out: str | Path, *, titles: Sequence[str], header: str = ""
+    pictures: Sequence[xr.Dataset],
+    out: str | Path,
+    *,
+    titles: Sequence[str],
+    header: str = "",
+    one_column: bool = False,
 ) -> Path:
     """
     Draw the rays of links in panels below each other, with a common scale of sound speed.
@@ -28,6 +33,8 @@ def write_ray_plot(
         absence.
     header : str
         Small line on top that describes the water.
+    one_column : bool
+        True for the layout for one column of a journal, 84 mm wide.
 
     Returns
     -------
@@ -45,7 +52,8 @@ def write_ray_plot(
     kind = out.suffix.removeprefix(".")
     if kind not in ("png", "pdf"):
         raise ReportError(f"{out.name}: a figure must have the suffix .png or .pdf")
-    content = rendered(rays_of_links(pictures, titles, header), (kind,))[kind]
+    width = COLUMN if one_column else DOUBLE
+    content = rendered(rays_of_links(pictures, titles, header, width=width), (kind,))[kind]
     with whole_file(out) as temporary:
         temporary.write_bytes(content)
     return out

@@ -17,7 +17,7 @@ start((data) => {
     const [low, high] = [Math.log10(least), Math.log10(Math.max(most, least))];
     const ticks = logTicks(least, Math.max(most, least));
     draw("map", [
-      { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: "Viridis", reversescale: true,
+      { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: data.colours,
         colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map((x) => String(Number(x.toPrecision(3)))) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
       { type: "scatter", mode: "markers", x: [lon[c.lon]], y: [lat[c.lat]], marker: { symbol: "circle-open", size: 14, color: "#D55E00", line: { width: 3 } }, hoverinfo: "skip" },
     ], { xaxis: { title: { text: "Longitude [°]" }, ticksuffix: "°" }, yaxis: { title: { text: "Latitude [°]" }, ticksuffix: "°" } });
@@ -35,16 +35,23 @@ start((data) => {
     const common = { showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 60, r: 15, t: 70, b: 45 }, yaxis: { title: { text: "Largest range error [m]" }, type: "log" } };
     draw("over-distance", lines(distances.map((d) => d / 1e3), (k, n) => error(c.time, c.lat, c.lon, k, c.pair, n)), { ...common, xaxis: { title: { text: "Distance [km]" } } });
     at("over-time").hidden = time.length < 2;
-    if (time.length > 1) draw("over-time", lines(time, (k, n) => error(n, c.lat, c.lon, k, c.pair, c.distance)), { ...common, xaxis: { title: { text: "Time (UTC)" } } });
+    if (time.length > 1) draw("over-time", lines(time, (k, n) => error(n, c.lat, c.lon, k, c.pair, c.distance)), { ...common, xaxis: { title: { text: "Time (UTC)", standoff: 8 }, automargin: true } });
   }
   at("convention").replaceChildren(...conventions.map((c, k) => new Option(c.name, k)));
   at("distance").replaceChildren(...distances.map((d, k) => new Option(`${d / 1e3} km`, k)));
   at("pair").replaceChildren(new Option("the worst of all", -1), ...pairs.map(([a, b], k) => new Option(`${a} m to ${b} m`, k)));
   at("time").max = time.length - 1;
   at("when").hidden = time.length < 2;
-  for (const id of ["lat", "lon"]) {
+  // the first place is the one with an error that is nearest to the middle
+  const middle = [lat, lon].map((axis) => Math.floor(axis.length / 2));
+  const first = lat.flatMap((_, i) => lon.map((_, j) => [i, j])).filter(([i, j]) => error(0, i, j, 0, -1, 0) !== null)
+    .reduce((best, place) => {
+      const far = ([i, j]) => Math.hypot(i - middle[0], j - middle[1]);
+      return best === null || far(place) < far(best) ? place : best;
+    }, null) ?? middle;
+  for (const [k, id] of ["lat", "lon"].entries()) {
     at(id).max = data[id].length - 1;
-    at(id).value = Math.floor(data[id].length / 2);
+    at(id).value = first[k];
     at(id).addEventListener("input", showMap);
   }
   for (const id of ["convention", "distance", "pair"]) at(id).addEventListener("change", showMap);

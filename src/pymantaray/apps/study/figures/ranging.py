@@ -97,6 +97,7 @@ def range_error_split(
                 alpha=0.6,
             )
         counts.set_xscale("log")
+        style.short_numbers(counts.xaxis)
         counts.set_xlim(_MIN_COUNT)
         alone.plot(km, bending[received], ".", color=style.ORANGE, **points)
         both.set_xlim(0.0)
@@ -192,6 +193,7 @@ def draw_range_errors(axes: Axes, values: Array, *, log: bool = False) -> Array:
     _draw_histogram(axes, errors)
     if log:
         axes.set_yscale("log")
+        style.short_numbers(axes.yaxis)
         axes.set_ylim(_MIN_COUNT)
     return errors
 

@@ -287,6 +287,7 @@ def _ridge(
     axes.locator_params(axis="y", nbins=2 if narrow else 3)
     if log:
         axes.set_xscale("log")
+        style.short_numbers(axes.xaxis)
     axes.set_xlim(edges[0], edges[-1])
     place: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "path_effects": style.halo()}
     axes.text(0.015, 0.98, label, color=colour, fontweight="bold", **place)
