@@ -213,7 +213,11 @@ def test_notes_of_a_reader_are_told_everywhere(mantaray, undrawn, campaign, tmp_
     note = f"{pings}: 1 ping counted once: line {len(rows) + 1} repeats an earlier line"
     assert note in json.loads(done.out)["notes"]
     assert note in done.err
-    assert note.partition(": ")[2] in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert note.partition(": ")[2] in page
+    # in the words of the command line, in notes and in the provenance
+    assert page.count("state --earth flat or --earth sphere if it is known") == 2
+    assert "`earth" not in page
 
 
 def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):

@@ -193,7 +193,12 @@ def survey(
 
         made_by = {"mantaray": __version__, "survey": str(file), "water": record}
         page = write_location_page(
-            location, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
+            location,
+            folder.out,
+            made_by=made_by,
+            notes=notes,
+            messages=in_options,
+            formats=format_names(folder.formats),
         )
     with printing.printer() as printer:
         _print_result(printer, location, notes)

@@ -1,6 +1,7 @@
 """Page, tables and figures of located nodes, and the figure of a plan."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ def write_location_page(
     *,
     made_by: dict[str, Any] | None = None,
     notes: list[str] | None = None,
+    messages: Callable[[str], str] = str,
     formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Path:
@@ -53,6 +55,9 @@ def write_location_page(
         Origin of the results, such as version and command, for ``locate.json`` and the page.
     notes : list of str, optional
         Lines for the top of the page.
+    messages : callable, optional
+        Rewrites messages on the page for its readers; the command line writes its options instead
+        of arguments. Default: as they are.
     formats : sequence of str
         Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
         for one column of a journal as ``84mm``; tables as ``tex``.
@@ -72,10 +77,10 @@ def write_location_page(
         If the folder is not empty or cannot be written.
     """
     record = (made_by or {}) | {
-        "earth": location.earth,
+        "earth": messages(location.earth),
         "model": location.hyperparameters,
     }
-    page_of = partial(_page, location, notes or [])
+    page_of = partial(_page, location, notes or [], messages)
     others = partial(write_location, location)
     return write_page(
         out, "locate", _figure_specs(location), page_of, record, formats, progress, others
@@ -83,16 +88,20 @@ def write_location_page(
 
 
 def _page(
-    location: Location, notes: Sequence[str], pictures: Sequence[Picture], record: dict[str, Any]
+    location: Location,
+    notes: Sequence[str],
+    messages: Callable[[str], str],
+    pictures: Sequence[Picture],
+    record: dict[str, Any],
 ) -> Page:
     tables = location.tables
     return Page(
         title="Located nodes",
         facts=[_fact(location)],
-        notes=[location.earth, *notes, *location.warnings],
+        notes=[messages(line) for line in (location.earth, *notes, *location.warnings)],
         cards=_cards(location),
         pictures=pictures,
-        tables=[table for table in tables.values() if table.caption],
+        tables=[_reworded(table, messages) for table in tables.values() if table.caption],
         excerpts=[
             ResultTable(
                 "left_out",
@@ -115,6 +124,14 @@ def _page(
             origin_table(record | {"model": _rounded(record["model"])}, "Options", "locate.json")
         ],
     )
+
+
+def _reworded(table: ResultTable, messages: Callable[[str], str]) -> ResultTable:
+    """Table with the remedies of failed tests in the words of its readers."""
+    if "remedy" not in table.frame:
+        return table
+    frame = table.frame.assign(remedy=table.frame["remedy"].map(messages))
+    return replace(table, frame=frame)
 
 
 def _rounded(content: Any) -> Any:
@@ -384,6 +401,8 @@ def plan_figure(plan: SurveyPlan) -> Figure:
             )
         axes.set_xscale("log")
         axes.set_yscale("log")
+        style.short_numbers(axes.xaxis)
+        style.short_numbers(axes.yaxis)
         axes.set_ylabel(f"Standard deviation, {words} [m]")
         style.panel_title(axes, letter, words)
     panels[-1].set_xlabel("Radius [km]")

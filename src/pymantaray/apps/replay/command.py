@@ -22,7 +22,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import EXIT_UNUSABLE
-from pymantaray.cli.printing import LOG, Printer
+from pymantaray.cli.printing import LOG, Printer, in_options
 
 if TYPE_CHECKING:
     from pymantaray.apps.replay import Replay
@@ -133,10 +133,7 @@ def replay(
     waters, earth = _waters_on_earth(
         event_data, source, water, search, sections=sections, changes=changes_of(changes)
     )
-    sources = [
-        water_of.record | ({"cast": water_of.name} if water_of.uniform else {})
-        for water_of in waters
-    ]
+    sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
     notes = [
         *event_data.notes,
         *dict.fromkeys(note for water_of in waters for note in water_notes(water_of)),
@@ -170,6 +167,7 @@ def replay(
             result,
             folder.out,
             made_by=record,
+            messages=in_options,
             formats=format_names(folder.formats),
             progress=report,
         )

@@ -1,6 +1,6 @@
 """Page, tables and figures of a replay: residuals, coverage, clocks and switching."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ def write_replay(
     out: str | Path | None = None,
     *,
     made_by: dict[str, Any] | None = None,
+    messages: Callable[[str], str] = str,
     formats: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Path:
@@ -58,6 +59,9 @@ def write_replay(
         New or empty folder. Default: a new folder in ``runs``.
     made_by : dict, optional
         Origin of the results, such as version and command, for ``replay.json`` and the page.
+    messages : callable, optional
+        Rewrites messages on the page for its readers; the command line writes its options instead
+        of arguments. Default: as they are.
     formats : sequence of str
         Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, and
         for one column of a journal as ``84mm``; tables as ``tex``.
@@ -78,18 +82,23 @@ def write_replay(
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (
         made_by or {}
     )
-    page_of = partial(_page, replay)
+    page_of = partial(_page, replay, messages)
     return write_page(out, "replay", _figure_specs(replay), page_of, record, formats, progress)
 
 
-def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -> Page:
+def _page(
+    replay: Replay,
+    messages: Callable[[str], str],
+    pictures: Sequence[Picture],
+    record: dict[str, Any],
+) -> Page:
     events = replay.events
     tables = replay.tables
     long_tables = {words: name for name, words in _LONG_TABLES.items() if name in tables}
     return Page(
         title="Replay of measured travel times",
         facts=[f"{len(events):,} events of {events['pair'].nunique()} pairs; rule {replay.rule}"],
-        notes=[*replay.notes, *replay.findings],
+        notes=[messages(line) for line in (*replay.notes, *replay.findings)],
         cards=_cards(replay),
         explorer=_explorer(events),
         pictures=pictures,
