@@ -79,7 +79,7 @@ def atlas_file(tmp_path_factory):
             "transmitter_depth": ("pair", [20.0, 20.0]),
             "receiver_depth": ("pair", [20.0, 800.0]),
         },
-        {"title": "Test Sea"},
+        {"title": "Atlas of Test Sea", "ocean": "Test Sea", "synthetic": 1},
     )
     return write_atlas_page(atlas, [], tmp_path_factory.mktemp("atlas"))
 
@@ -273,9 +273,11 @@ def test_a_sweep_draws_without_errors_and_by_keyboard(table_opened, table_file):
     }
     modes = "document.getElementById('chart').data.map((t) => t.mode)"
     assert page.evaluate(modes) == ["lines+markers"] * 2
+    assert page.inner_text("#per") == "One line per"
     menu = page.locator("#only select")
     assert menu.evaluate("(m) => [...m.options].map((o) => o.text)") == ["all", "near", "far"]
     menu.select_option("all")
+    assert page.inner_text("#per") == "One colour per"  # several points at one place are no line
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
         "refracted": [2, 4, 6, 8, 10, 12],
@@ -425,6 +427,19 @@ def test_names_of_others_are_plain_and_short_in_figures(chromium, tmp_path):
         # the scene of a fleet looks letters up by these names
         named = page.evaluate(f"{NAMES}.map((name) => namesInFigure([name]).get(name) in {{}})")
         assert named == [False] * len(NAMES)
+
+
+def test_narrow_tables_are_beside_each_other_on_a_wide_screen(chromium, replay_file):
+    tops = (
+        "[...document.querySelectorAll('#tables > .table')].map((e) =>"
+        " e.getBoundingClientRect().top)"
+    )
+    for width, beside in ((1440, False), (2560, True)):
+        for opened in open_page(chromium, replay_file, width, "light"):
+            places = opened.page.evaluate(tops)
+            assert len(places) > 3
+            assert (len(set(places)) < len(places)) == beside
+            assert overflow(opened.page) <= 0
 
 
 def test_a_replay_printed_at_once_has_all_its_figures(chromium, replay_file, tmp_path):

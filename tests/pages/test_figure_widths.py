@@ -1,5 +1,7 @@
 """Figures for both widths of a journal: size of letters, overlaps, and text outside the frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns import water as profile
@@ -19,6 +21,8 @@ from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import plan_survey
 from pymantaray.apps.ocean.figures import sea_floor_map, sound_speed_map, sound_speed_sections
 from pymantaray.apps.plan import write_plan_page
+from pymantaray.apps.plan.figures import time_figure
+from pymantaray.apps.plan.page import shown_designs
 from pymantaray.apps.replay import write_replay
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.comparison_page import comparison_figure_specs
@@ -104,6 +108,18 @@ def both(drawn, columns):
 
 def test_figures_of_a_plan_are_readable_at_both_widths(both, made_plan, tmp_path):
     both(4, write_plan_page, made_plan, tmp_path / "page")
+
+
+def test_errors_of_designs_far_above_zero_fill_their_panel(made_plan):
+    details = shown_designs(made_plan)
+    assert time_figure(details, HEADER).axes[0].get_ylim()[0] == 0.0
+    far = {
+        name: replace(detail, error_m=detail.error_m + 60.0, worst_m=detail.worst_m + 60.0)
+        for name, detail in details.items()
+    }
+    low, high = time_figure(far, HEADER).axes[0].get_ylim()
+    errors = np.concatenate([detail.error_m for detail in far.values()])
+    assert np.nanmax(errors) - np.nanmin(errors) > 0.6 * (high - low)
 
 
 def test_figures_of_located_nodes_are_readable_at_both_widths(both, made_location, tmp_path):

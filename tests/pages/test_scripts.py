@@ -80,7 +80,8 @@ def atlas_page(_, folder):
     depths = {"transmitter_depth": ("pair", [20.0]), "receiver_depth": ("pair", [200.0])}
     axes = {"lat": [77.0, 78.0], "lon": [0.0, 1.0], "convention": ["chord"], "distance": [2e3]}
     time = {"time": [np.datetime64("2014-07-15", "ns")]}
-    atlas = xr.Dataset({"worst_range_error": error}, axes | time | depths, {"title": "Test Sea"})
+    attrs = {"title": "Atlas of Test Sea", "ocean": "Test Sea", "synthetic": 1}
+    atlas = xr.Dataset({"worst_range_error": error}, axes | time | depths, attrs)
     return write_atlas_page(atlas, [], folder).read_text(encoding="utf-8")
 
 

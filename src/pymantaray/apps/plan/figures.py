@@ -22,6 +22,7 @@ from pymantaray.records.result_table import heading
 AS_IT_IS = "Study as it is"
 _MAX_NUMBERS = 14  # participants of a matrix with a number in each cell
 _NAME_LETTERS = 44  # of a design in a legend
+_FROM_ZERO = 0.4  # least error over the upper end of its axis, above which the axis is without zero
 _BELOW: dict[str, Any] = {
     "loc": "outside lower center",
     "ncols": 2,
@@ -248,7 +249,9 @@ def time_figure(
                 alpha=0.15,
                 linewidth=0.0,
             )
-    axes.set_ylim(bottom=0.0)
+    least = min(float(np.nanmin(detail.error_m, initial=np.inf)) for detail in details.values())
+    if least < _FROM_ZERO * axes.get_ylim()[1]:  # otherwise most of the panel would be empty
+        axes.set_ylim(bottom=0.0)
     axes.set(xlabel="Time [h]", ylabel="95 % position error [m]")
     style.common_legend(figure, axes.get_legend_handles_labels()[0], **_BELOW)
     return figure

@@ -47,7 +47,6 @@ start((data) => {
     const shown = shownRows();
     const groups = each ? known(each) : [null];
     const lines = data.lines && isNumber(across);
-    at("per").textContent = lines ? "One line per" : "One colour per";
     const [inLegend, onAxis] = [groups, isNumber(across) ? [] : known(across)].map((names) => namesInFigure(names));
     const title = (name) => namesInFigure([label(name)]).get(label(name));
     const traces = groups.map((group, g) => {
@@ -61,6 +60,7 @@ start((data) => {
         marker: { color: colour, size: rows > 500 ? 4 : 8, opacity: rows > 500 ? 0.6 : 1 }, line: { color: colour },
       };
     });
+    at("per").textContent = traces.some((trace) => trace.mode !== "markers") ? "One line per" : "One colour per";
     draw("chart", traces, {
       showlegend: each !== "", legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 70, r: 15, t: 40, b: 60 },
       xaxis: { title: { text: title(across) }, type: isNumber(across) ? "linear" : "category", automargin: true },
