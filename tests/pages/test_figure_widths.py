@@ -205,6 +205,8 @@ def test_arrivals_of_a_link_are_readable_in_one_column():
     assert arrivals.link.size > 3
     axes = plot_arrivals(arrivals, one_column=True)
     assert axes.figure.get_figwidth() == style.COLUMN
+    axes.figure.canvas.draw()
+    assert axes.get_legend().get_window_extent().y0 >= axes.get_window_extent().y1
     assert_readable(axes.figure, "arrivals")
 
 

@@ -100,7 +100,8 @@ def plot_arrivals(
     axes.set_xlabel("Delay from the first arrival [ms]")
     axes.set_ylabel("Level re spherical spreading [dB]" if loss is None else "Level re 1 m [dB]")
     if rows.size:
-        axes.legend()
+        # above the axes: the lines may be anywhere in them
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return axes
 
 
