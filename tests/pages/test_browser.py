@@ -473,6 +473,11 @@ def test_an_atlas_draws_without_errors_and_by_keyboard(atlas_opened, atlas_file)
             page.evaluate("document.getElementById('map').data[0].customdata"), dtype=float
         )
 
+    scale = page.evaluate(
+        "['xaxis', 'yaxis'].map((a) => document.getElementById('map')._fullLayout[a]"
+        ").map((a) => a._length / Math.abs(a.range[1] - a.range[0]))"
+    )
+    assert scale[1] / scale[0] == pytest.approx(1.0 / np.cos(np.radians(77.5)), rel=1e-3)
     expected = ATLAS.max(axis=4)  # the worst of all depths
     known = np.isfinite(drawn())
     assert (~known).sum() == 1

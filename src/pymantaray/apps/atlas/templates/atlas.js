@@ -1,5 +1,7 @@
 start((data) => {
   const { time, lat, lon, conventions, distances, pairs } = data;
+  // length of a degree of latitude over that of one of longitude, as on the maps of the figures
+  const degree = 1 / Math.max(Math.cos(((lat[0] + lat[lat.length - 1]) / 2) * (Math.PI / 180)), 0.02);
   const shape = [time.length, lat.length, lon.length, conventions.length, pairs.length, distances.length];
   const one = (place) => data.error[place.reduce((sum, index, dim) => sum * shape[dim] + index, 0)];
   const chosen = () => Object.fromEntries(["convention", "distance", "pair", "time", "lat", "lon"].map((id) => [id, Number(at(id).value)]));
@@ -20,7 +22,7 @@ start((data) => {
       { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: data.colours,
         colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map((x) => String(Number(x.toPrecision(3)))) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
       { type: "scatter", mode: "markers", x: [lon[c.lon]], y: [lat[c.lat]], marker: { symbol: "circle-open", size: 14, color: "#D55E00", line: { width: 3 } }, hoverinfo: "skip" },
-    ], { xaxis: { title: { text: "Longitude [°]" }, ticksuffix: "°" }, yaxis: { title: { text: "Latitude [°]" }, ticksuffix: "°" } });
+    ], { xaxis: { title: { text: "Longitude [°]" }, ticksuffix: "°", constrain: "domain" }, yaxis: { title: { text: "Latitude [°]" }, ticksuffix: "°", constrain: "domain", scaleanchor: "x", scaleratio: degree } });
     at("instant").textContent = time[c.time];
     at("time").setAttribute("aria-valuetext", time[c.time]);
     showPlace();
