@@ -43,7 +43,7 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
         each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI files with times beside them
         (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
         ``.mcap``, ``.db3`` or their folder); of surface vehicles GPX (``.gpx``) and NMEA 0183
-        (``.nmea``, ``.log``, ``.txt``).
+        (``.nmea``, ``.log``, ``.raw``, ``.txt``).
     enu : bool
         True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward,
         left, up.
@@ -133,7 +133,7 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
 _FORMATS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), "table"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bag"),
-    **dict.fromkeys((".nmea", ".log"), "nmea"),
+    **dict.fromkeys((".nmea", ".log", ".raw"), "nmea"),
     ".gpx": "gpx",
     ".nc": "netcdf",
     ".tum": "tum",
