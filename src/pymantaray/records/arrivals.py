@@ -8,7 +8,7 @@ import numpy as np
 
 from pymantaray.errors import RecordError
 from pymantaray.records.base import Column, Record, column
-from pymantaray.records.status import RayAxis, RayStatus
+from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayAxis, RayStatus
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +31,17 @@ class LossOfArrivals(Protocol):
     @property
     def boundary_phase(self) -> Column:
         """Phase that the reflections add. [rad]"""
+
+
+def _without_arrival(status: Column) -> str:
+    """Links without an arrival by their status in words, such as `` (2 shadow, 1 too weak)``."""
+    counts = {
+        words.label: int(np.count_nonzero(status == outcome))
+        for outcome, words in RAY_STATUS_WORDS.items()
+        if outcome not in ARRIVES
+    }
+    texts = [f"{count:,} {label}" for label, count in counts.items() if count]
+    return f" ({', '.join(texts)})" if texts else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +67,9 @@ class FirstArrivals(Record):
     receiver_slowness: Column = column(
         "link axis", "s m-1", "slowness vector at the receiver, along the ray"
     )
+
+    def _outcomes(self) -> str:
+        return _without_arrival(self.status)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,6 +121,9 @@ class Arrivals(Record):
         "?",
         default=True,
     )
+
+    def _outcomes(self) -> str:
+        return _without_arrival(self.status)
 
     def first(self) -> FirstArrivals:
         """Earliest arrival of each link; NaN if the status is not OK."""
