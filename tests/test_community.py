@@ -147,7 +147,9 @@ def test_commands_and_scripts_of_the_article_are_there():
     for words in re.findall(r"`([^`]+)`", body):
         if words.startswith("mantaray "):
             name = words.split()[1]
-            assert re.search(rf"^mantaray {name}\b", read("docs/reference/at-a-glance.md"), re.M)
+            assert re.search(
+                rf"^mantaray {name}\b", read("docs/reference/at-a-glance.md"), re.MULTILINE
+            )
         elif "/" in words:
             assert (ROOT / words).is_file(), words
 
