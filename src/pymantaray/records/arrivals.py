@@ -80,6 +80,17 @@ class Arrivals(Record):
     Rows are sorted by link and travel time.
 
     Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium, find_eigenrays
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> arrivals = find_eigenrays(medium, [[0, 0, 50], [0, 0, 50]], [[3000, 0, 400], [0, 0, 2000]])
+    >>> arrivals
+    <Arrivals: 1 arrival, 2 links (1 outside the domain)>
+    >>> first = arrivals.first()
+    >>> print(first.travel_time.round(4), first.status)
+    [2.0659    nan] [0 3]
     """
 
     kind: ClassVar[str] = "arrivals"
