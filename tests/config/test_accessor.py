@@ -114,8 +114,9 @@ def test_differences_of_sound_speed_and_variables_align(glorys, axis):
 
 def test_variables_without_standard_names_are_named(glorys):
     bare = glorys.isel(time=0).copy()
-    bare["thetao"].attrs = {"units": "degrees_C"}
-    names = {"thetao": "sea_water_potential_temperature"}
+    for name in ("thetao", "so"):
+        bare[name].attrs = {"units": bare[name].attrs["units"]}
+    names = {"thetao": "sea_water_potential_temperature", "so": "sea_water_salinity"}
     speed = bare.mantaray.sound_speed(names=names)
     xr.testing.assert_identical(speed, glorys.isel(time=0).mantaray.sound_speed())
     assert bare["thetao"].attrs == {"units": "degrees_C"}
