@@ -32,7 +32,7 @@ Reader = Callable[[Path], tuple[list[Poses], Sequence[str]]]
 
 
 def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str] = ()) -> Tracks:
-    """
+    r"""
     Read trajectories from one or more files of any supported format, or from a data frame.
 
     Parameters
@@ -59,6 +59,16 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     ------
     ExchangeError
         If a file is unreadable, lacks data of a trajectory, or does not match the other files.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray import read_trajectories
+    >>> rows = ["time,vehicle,north,east,depth", "0,A,0,0,20", "60,A,30,0,20"]
+    >>> _ = Path("mission.csv").write_text("\n".join(rows))
+    >>> tracks = read_trajectories("mission.csv")
+    >>> print([one.name for one in tracks.poses], tracks.poses[0].place.shape)
+    ['A'] (2, 3)
     """
     if isinstance(source, pd.DataFrame):
         return Tracks.of(*read_frame(source)).selected(names)
