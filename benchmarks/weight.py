@@ -5,7 +5,9 @@ Per shelf: modules, lines, lines of code proper (without docstrings, imports, co
 lines), and statements (without docstrings). Then functions that are too long or have too many
 arguments (keyword-only options with a default do not count in a public function), parameters typed
 as sections of a configuration outside `config`, command-line options in texts outside commands,
-lines above 100 columns, and assignments of several values in one statement.
+lines above 100 columns, and assignments of several values in one statement. Last, the words (as
+`wc -w` counts them) and pages of the documentation: README and docs, of which the decision records
+are outside the contents of the site.
 
 python benchmarks/weight.py [ROOT]
 """
@@ -169,10 +171,26 @@ def print_order(package: Path) -> None:
     print(f"assignments of several values: {numbers['pairs']}")
 
 
+def print_documentation(root: Path) -> None:
+    """Print words and pages of the documentation, and how many of them are decision records."""
+    docs = root / "docs"
+    words = {
+        page: len(page.read_text(encoding="utf-8").split())
+        for page in (root / "README.md", *sorted(docs.rglob("*.md")))
+    }
+    records = [page for page in words if page.is_relative_to(docs / "design")]
+    in_records = sum(words[page] for page in records)
+    print(
+        f"documentation: {sum(words.values())} words; {len(words) - len(records)} pages with"
+        f" {sum(words.values()) - in_records}, {len(records)} decision records with {in_records}"
+    )
+
+
 def main() -> None:
     root = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     print_size(root)
     print_order(root / "src" / "pymantaray")
+    print_documentation(root)
 
 
 main()

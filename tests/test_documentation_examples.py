@@ -4,6 +4,8 @@ import doctest
 import importlib
 import re
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +149,48 @@ def test_examples_in_docstrings_print_what_they_show(source, tmp_path, monkeypat
     done = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert done.failed == 0
     assert done.attempted or "+SKIP" in source.read_text()
+
+
+APPLICATIONS = (
+    *("graphs", "locate", "online", "ranges", "rays", "replay", "service", "sweep", "table"),
+)
+WITHOUT_EXAMPLE = {
+    *("Campaign", "Displacement", "Location", "displacement_between", "locate", "read_campaign"),
+    *("write_location_page", "write_plan_figure", "Replay", "correct_events", "write_replay"),
+    *("SweepResults", "run_sweep", "write_sweep_page"),
+}
+"""Names that need a survey, a campaign or finished runs; pages of the documentation show them."""
+
+
+@pytest.mark.parametrize("package", ["", *(f".apps.{name}" for name in APPLICATIONS)])
+def test_public_names_have_an_example_that_runs(package):
+    """The test above runs them."""
+    module = importlib.import_module(f"pymantaray{package}")
+    things = {name: getattr(module, name) for name in module.__all__}
+    texts = {
+        name: "".join(
+            getattr(part, "__doc__", None) or ""
+            for part in (thing, *(vars(thing).values() if isinstance(thing, type) else ()))
+        )
+        for name, thing in things.items()
+        if callable(thing)
+    }
+    lacking = {name for name, text in texts.items() if ">>>" not in text}
+    assert lacking <= WITHOUT_EXAMPLE, sorted(lacking - WITHOUT_EXAMPLE)
+
+
+@pytest.mark.slow
+def test_types_of_a_project_are_complete(tmp_path):
+    """`mypy --strict` of a user's project passes without exceptions."""
+    pytest.importorskip("mypy", reason="needs the group lint")
+    project = ROOT / "tests" / "typed_project.py"
+    assert "type: ignore" not in project.read_text()
+    (tmp_path / "project.py").write_text(project.read_text())
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "project.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -13,9 +13,18 @@ from pymantaray.messages import printable, without_secrets
 
 
 class MantaRayError(Exception):
-    """
+    r"""
     Invalid input or an impossible request; the message is one printable line, without passwords and
     tokens.
+
+    Examples
+    --------
+    >>> from pymantaray import MantaRayError, load_study
+    >>> try:
+    ...     load_study("quick", duration_h=-1.0)
+    ... except MantaRayError as error:
+    ...     print("refused in one line:", "\n" not in str(error))
+    refused in one line: True
     """
 
     def __init__(self, *arguments: object) -> None:

@@ -70,7 +70,7 @@ def test_a_response_in_uniform_water_is_that_of_image_sources():
 
 def test_a_tone_through_the_response_is_the_coherent_sum():
     medium, arrivals = link()
-    bottom = FluidBottom(sound_speed=1700.0, density=1.8, attenuation_db_per_wavelength=0.6)
+    bottom = FluidBottom(sound_speed=1700.0, density=1800.0, attenuation_db_per_wavelength=0.6)
     ends = SOURCE[None], RECEIVER[None]
     loss = transmission_loss(medium, *ends, arrivals, 1000.0, bottom=bottom)
     response = arrivals.impulse_response(FS, loss)

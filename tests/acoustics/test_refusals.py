@@ -102,6 +102,9 @@ REFUSED = {
     "currents: depth: values do not increase": lambda: current(depth=np.ones(2)),
     "lacks current_north, current_east": lambda: Currents.from_dataset(NOWHERE),
     "FluidBottom: density is -1; it must be finite and positive": lambda: FluidBottom(1600.0, -1.0),
+    "density is 1.8 kg/m3; sediments have at least 500; multiply a density in g/cm3 by 1000": (
+        lambda: FluidBottom(1600.0, 1.8)
+    ),
     "attenuation_db_per_wavelength is nan dB; it must be": (
         lambda: FluidBottom(1600.0, 1800.0, np.nan)
     ),

@@ -145,6 +145,57 @@ def test_fixes_without_a_date_are_refused(tmp_path):
         read_trajectories(tmp_path / "none.nmea")
 
 
+STAMPS = {
+    "iso": "gnss_one  %Y-%m-%dT%H:%M:%S.0811Z  ",
+    "slashes": "NAV %Y/%m/%d %H:%M:%S.561 GPS ",
+    "day_of_year": "cnav\t%Y:%j:%H:%M:%S.0656\t",
+    "month_first": "%m/%d/%Y,%H:%M:%S.876,",
+}
+"""Of the loggers of research vessels."""
+
+
+def logged(path, stamp, dates="none", late=0):
+    """Log with a stamp before each sentence, late by some seconds."""
+    lines = nmea(path, dates).read_text().splitlines()[1:]
+    each = len(lines) // 30
+    for k in range(len(lines)):
+        time = (TIMES[k // each] + np.timedelta64(late, "s")).astype("datetime64[s]").item()
+        lines[k] = time.strftime(stamp) + lines[k]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("late", [-40, 0, 40])  # on the day before and after the fixes, too
+@pytest.mark.parametrize("stamp", STAMPS)
+@pytest.mark.parametrize("name", ["boat.Raw", "boat.txt", "boat.csv"])
+def test_stamps_of_a_logger_give_dates(tmp_path, stamp, name, late):
+    track = read_trajectories(logged(tmp_path / name, STAMPS[stamp], late=late))
+    check(track)
+    assert any("30 sentences with the date of the logger's stamp" in note for note in track.notes)
+
+
+def test_dates_of_the_receiver_come_before_those_of_a_logger(tmp_path):
+    wrong = 40 * 86_400
+    track = read_trajectories(logged(tmp_path / "a.txt", STAMPS["iso"], "RMC", late=wrong))
+    check(track)
+    assert not any("stamp" in note for note in track.notes)
+
+
+@pytest.mark.parametrize("stamp", ["%d/%m/%Y,%H:%M:%S,", "%Y:400:%H:%M:%S ", "%H:%M:%S "])
+def test_impossible_stamps_give_no_dates(tmp_path, stamp):
+    with pytest.raises(ExchangeError, match="or the logger stamps such as"):
+        read_trajectories(logged(tmp_path / "a.txt", stamp))
+
+
+def test_a_day_of_zda_may_have_one_digit(tmp_path):
+    fixes = [
+        sentence(f"GPGGA,19200{k},3330.0,S,15115.0,W,1,08,1.0,5.0,M,20.0,M,,") for k in range(3)
+    ]
+    date = sentence("GPZDA,192000.00,4,9,2010,+0,+0")
+    (tmp_path / "a.nmea").write_text("\n".join([*fixes, date]) + "\n")
+    assert read_trajectories(tmp_path / "a.nmea").start == np.datetime64("2010-09-04T19:20:00")
+
+
 def gpx(path, names=("boat",), untimed=()):
     def point(k):
         time = "" if k in untimed else f"<time>{np.datetime_as_string(TIMES[k], unit='s')}Z</time>"

@@ -77,6 +77,40 @@ def test_a_spreadsheet_of_ocean_data_view_has_its_casts(tmp_path, iso, repeat):
 
 
 @pytest.mark.parametrize(
+    ("temperature_code", "salinity_code"),
+    [
+        ("TEMPPR01 [Degrees Celsius]", "PSALPR01 [Dimensionless]"),
+        ("TEMPST01 [Degrees Celsius]", "PSLTZZ01 [Dimensionless]"),
+        ("CTDTMP_T_VALUE_SENSOR [deg C]", "CTDSAL_D_CONC_SENSOR [pss-78]"),
+    ],
+)
+def test_codes_of_vocabularies_name_columns(tmp_path, temperature_code, salinity_code):
+    path = odv(tmp_path / "odv.txt")
+    text = path.read_text().replace("\tDepth [m]", "\tDEPHPR01 [Metres]")
+    text = text.replace("Temperature [degC]", temperature_code)
+    path.write_text(text.replace("Salinity [psu]", salinity_code))
+    check_east_west(read_casts(path), {(1, 2)})
+
+
+def test_pressure_of_seadatanet_gives_the_depth(tmp_path):
+    path = odv(tmp_path / "odv.txt")
+    code = "\tPRESPR01 [decibar=10000 pascals]"
+    path.write_text(path.read_text().replace("\tDepth [m]", code))
+    first = read_casts(path)[0]  # the second has a level with a bad flag
+    np.testing.assert_allclose(first.depth, -gsw.z_from_p(DEPTH, PLACES[0][0]), atol=0.01)
+
+
+def test_a_spreadsheet_may_have_commas_and_quoted_labels(tmp_path):
+    path = odv(tmp_path / "odv.csv")
+    label = '"Ship, leg 2"'
+    text = path.read_text().replace(",", ";").replace("AB12", label).replace("\t", ",")
+    path.write_text(text.replace("Station", "Station:METAVAR:INDEXED_TEXT", 1))
+    casts = read_casts(path)
+    assert [cast.name for cast in casts] == ["Ship, leg 2/St0", "Ship, leg 2/St1"]
+    check_east_west(casts, {(1, 2)})
+
+
+@pytest.mark.parametrize(
     "label",
     [["AB12", "St2"], ["CD34", "St1"], ["CD34", ""], ["", "St2"]],
     ids=["station", "cruise", "cruise alone", "station alone"],

@@ -295,7 +295,7 @@ def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path, as_store
     assert np.isnan(ocean["water_temp"].values[3:, 0, 0]).all()
     assert ocean.attrs["history"].splitlines()[:2] == [
         "2 points removed: temperature or salinity is missing there or above",
-        "currents set to 0 at 1 wet points without currents",
+        "currents set to 0 at 1 wet point without currents",
     ]
     as_stored(ocean)
 

@@ -67,7 +67,7 @@ def test_zeros_of_temperature_and_salinity_are_land():
 def test_a_salinity_of_zero_in_salty_water_is_noted(as_stored):
     ocean = open_ocean(model(0.0, zero=("s",)))
     assert (ocean["salinity"].values[LAND] == 0.0).all()
-    assert f"{LAND.sum()} points have a salinity of 0 in salty water" in ocean.attrs["history"]
+    assert f"a salinity of 0 in salty water at {LAND.sum()} points" in ocean.attrs["history"]
     as_stored(ocean)
 
 

@@ -222,7 +222,16 @@ def test_a_short_representation_counts_in_words():
         "<Measurements: 3 vehicles, 4 times, 2 edges, 3 fixes, 4 landmarks, 2 ranges, 3 attitudes,"
         " 4 DVL samples, 2 altitudes>"
     )
-    assert repr(make_arrivals([0], status=(0, 1))) == "<Arrivals: 1 arrival, 2 links>"
+    assert repr(make_arrivals([0, 1], status=(0, 0))) == "<Arrivals: 2 arrivals, 2 links>"
+
+
+def test_a_print_of_arrivals_says_why_links_have_none():
+    some = make_arrivals([0, 3], status=(0, 1, 4, 0, 1))
+    assert repr(some) == "<Arrivals: 2 arrivals, 5 links (2 shadow, 1 too weak)>"
+    assert repr(some.first()) == "<FirstArrivals: 5 links (2 shadow, 1 too weak)>"
+    assert repr(make_arrivals([], status=(3,))) == (
+        "<Arrivals: 0 arrivals, 1 link (1 outside the domain)>"
+    )
 
 
 def test_times_in_another_unit_are_refused(tmp_path):

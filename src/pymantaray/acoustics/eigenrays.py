@@ -107,6 +107,14 @@ def find_eigenrays(
     times and angles are then those of the sphere, slowness vectors are the gradients by the
     positions in the frame, and spreading and miss are those of flattened water (their difference is
     below 0.001 dB at 1 km depth).
+
+    Examples
+    --------
+    >>> from pymantaray import Medium, find_eigenrays
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> arrivals = find_eigenrays(medium, [0, 0, 50], [3000, 0, 400], max_surface_bounces=1)
+    >>> print(arrivals.travel_time.round(4), arrivals.surface_bounces)
+    [2.0659 2.0774] [0 1]
     """
     a = as_positions("source", source)
     b = as_positions("receiver", receiver)

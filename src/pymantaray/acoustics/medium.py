@@ -69,6 +69,13 @@ class Medium:
         Sphere below the local frame; None for a flat Earth.
     notes : tuple of str
         Changes of the grid that bound the interpolation, see `from_grid`.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> print(medium.sound_speed_at([0.0, 0.0, 50.0]).round(2))
+    [1456.39]
     """
 
     north: Array

@@ -41,6 +41,7 @@ Sediment = Literal[
 ]
 """Sediment of a sea bed in a configuration, see `bed_reflection`."""
 _WATER_DENSITY = 1025.0  # kg/m3
+_LIGHTEST = 500.0  # kg/m3; of a sediment, so that densities in g/cm3 are refused
 _GRAVITY = 9.81
 _BUBBLE_CEILING = 15.0  # dB; secondary sources give 15 and 30
 _SEDIMENTS = {  # sound speed [m/s], density [kg/m3], attenuation [dB per wavelength]
@@ -154,6 +155,11 @@ class FluidBottom(_FluidHalfSpace):
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "", "sound_speed", "density", positive=True)
         check_fields(AcousticsError, self, "dB", "attenuation_db_per_wavelength")
+        if self.density < _LIGHTEST:
+            raise AcousticsError(
+                f"FluidBottom: density is {self.density:g} kg/m3; sediments have at least"
+                f" {_LIGHTEST:g}; multiply a density in g/cm3 by 1000"
+            )
 
     @classmethod
     def standard(cls, name: str) -> Self:

@@ -677,6 +677,13 @@ class StudyConfig(SoundConfig):
     """
     Configuration of a whole study: everything that determines its results, except the content of
     input files.
+
+    Examples
+    --------
+    >>> from pymantaray import load_study
+    >>> config = load_study("quick", **{"noise.range_sigma": 0.1})
+    >>> print(config.mission.duration_h, config.noise.range_sigma)
+    24.0 0.1
     """
 
     study: StudySection

@@ -32,7 +32,7 @@ Reader = Callable[[Path], tuple[list[Poses], Sequence[str]]]
 
 
 def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str] = ()) -> Tracks:
-    """
+    r"""
     Read trajectories from one or more files of any supported format, or from a data frame.
 
     Parameters
@@ -43,7 +43,7 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
         each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI files with times beside them
         (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
         ``.mcap``, ``.db3`` or their folder); of surface vehicles GPX (``.gpx``) and NMEA 0183
-        (``.nmea``, ``.log``, ``.txt``).
+        (``.nmea``, ``.log``, ``.raw``, ``.txt``).
     enu : bool
         True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward,
         left, up.
@@ -59,6 +59,16 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     ------
     ExchangeError
         If a file is unreadable, lacks data of a trajectory, or does not match the other files.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray import read_trajectories
+    >>> rows = ["time,vehicle,north,east,depth", "0,A,0,0,20", "60,A,30,0,20"]
+    >>> _ = Path("mission.csv").write_text("\n".join(rows))
+    >>> tracks = read_trajectories("mission.csv")
+    >>> print([one.name for one in tracks.poses], tracks.poses[0].place.shape)
+    ['A'] (2, 3)
     """
     if isinstance(source, pd.DataFrame):
         return Tracks.of(*read_frame(source)).selected(names)
@@ -133,7 +143,7 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
 _FORMATS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), "table"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bag"),
-    **dict.fromkeys((".nmea", ".log"), "nmea"),
+    **dict.fromkeys((".nmea", ".log", ".raw"), "nmea"),
     ".gpx": "gpx",
     ".nc": "netcdf",
     ".tum": "tum",

@@ -20,11 +20,20 @@ from pymantaray.exchange.tracks import Poses
 from pymantaray.records.digits import counted
 from pymantaray.user_files import read_text
 
-NMEA = re.compile(r"(?:\S*\s+)?\$[A-Z]{2}[A-Z]{3},")
-"""Start of a line with a sentence, perhaps behind a stamp of the logger."""
+NMEA = re.compile(r"[^$]{0,60}\$[A-Z]{5},[^ ]")
+"""Start of a line with a sentence, perhaps behind a name and a stamp of the logger."""
 _SENTENCE = re.compile(r"\$([A-Z]{2}(GGA|RMC|ZDA),[^*\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
 _ANGLE = re.compile(r"(\d{0,3})([0-5]\d(?:\.\d*)?)")  # loggers omit leading zeros of degrees
 _MEASURED = ("1", "2", "3", "4", "5")  # qualities of GGA; then estimated, manual and simulated
+_CLOCK = r"(?P<clock>\d\d:\d\d:\d\d(?:\.\d*)?)"
+_STAMPS = tuple(
+    re.compile(rf"\b{date}{_CLOCK}")
+    for date in (
+        r"(?P<year>\d{4})[-/](?P<month>\d\d)[-/](?P<day>\d\d)[T ,]\s*",
+        r"(?P<month>\d\d)/(?P<day>\d\d)/(?P<year>\d{4})[ ,]\s*",
+        r"(?P<year>\d{4}):(?P<day_of_year>\d{3}):",
+    )
+)  # of loggers on ships, such as 2010-03-15T14:08:45.876, 03/15/2010,14:08:45 or 2010:074:14:08:45
 _DAY = 86_400.0  # s
 
 
@@ -72,12 +81,14 @@ class _Sentence(NamedTuple):
     """Seconds since 1970; None without a date."""
     place: tuple[float, float] | None
     """Latitude and longitude of a fix; None without one. [degrees]"""
+    logged: float | None = None
+    """Seconds since 1970 of the logger's stamp; None without one."""
 
     @classmethod
     def of(cls, cells: list[str], kind: str) -> "_Sentence":
         """Read the cells of a sentence; raises IndexError or ValueError if they are invalid."""
         if kind == "ZDA":
-            date = f"{cells[2]}{cells[3]}{cells[4][-2:]}"
+            date = f"{cells[2]:0>2}{cells[3]:0>2}{cells[4][-2:]}"
             return cls(kind, _clock(cells[1]), _dated(date, cells[1]), None)
         if kind == "GGA" and cells[6] in _MEASURED:
             return cls(kind, _clock(cells[1]), None, _place(cells[2:6]))
@@ -95,7 +106,8 @@ class _Sentence(NamedTuple):
 
 def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
     """
-    Read the fixes of a GNSS receiver as one vehicle, with dates of RMC or ZDA.
+    Read the fixes of a GNSS receiver as one vehicle, with dates of RMC or ZDA; if it writes none,
+    with those of the stamps that a logger writes before each sentence.
 
     Of sentences with the same time GGA has priority. Sentences with a wrong checksum and those
     without a measured fix (void, estimated, manual or simulated) are left out, with their dates.
@@ -112,11 +124,13 @@ def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
             wrong += 1
             continue
         try:
-            sentences.append(_Sentence.of(body.split(","), kind))
+            one = _Sentence.of(body.split(","), kind)
         except (IndexError, ValueError):
-            sentences.append(_Sentence.without_fix(kind))
+            one = _Sentence.without_fix(kind)
+        sentences.append(one._replace(logged=_logged(line[: match.start()])))
     dated, unused = _with_usable_dates(sentences)
     measured = [one for one in dated if one.place is not None or one.instant is not None]
+    measured, logged = _with_logged_dates(measured)
     merged = _by_time(measured, path)
     times = sorted(merged)
     instants = [np.datetime64(round(1e9 * time), "ns") for time in times]
@@ -127,6 +141,7 @@ def read_nmea(path: Path) -> tuple[list[Poses], list[str]]:
             (wrong, "with a wrong checksum"),
             (len(dated) - len(measured), "without a valid fix"),
             (unused, "ZDA beside those without a valid fix, with dates that are not used"),
+            (logged, "with the date of the logger's stamp (month/day/year if it has slashes)"),
         )
         if count
     ]
@@ -147,6 +162,17 @@ def _with_usable_dates(sentences: list[_Sentence]) -> tuple[list[_Sentence], int
     return usable, len(sentences) - len(usable)
 
 
+def _with_logged_dates(measured: list[_Sentence]) -> tuple[list[_Sentence], int]:
+    """Give fixes the dates of the logger if no sentence has one, and return their number."""
+    if any(one.instant is not None for one in measured):
+        return measured, 0
+    dated = [
+        one if one.logged is None else one._replace(instant=_nearest(one.clock, one.logged))
+        for one in measured
+    ]
+    return dated, sum(one.instant is not None for one in dated)
+
+
 def _by_time(measured: list[_Sentence], path: Path) -> dict[float, tuple[float, float]]:
     """
     Places by seconds since 1970.
@@ -160,7 +186,7 @@ def _by_time(measured: list[_Sentence], path: Path) -> dict[float, tuple[float, 
     if start is None:
         raise ExchangeError(
             f"{path}: fixes without a date; the receiver must also write RMC or ZDA sentences with"
-            " a valid fix"
+            " a valid fix, or the logger stamps such as 2010-03-15T14:08:45"
         )
     places: dict[str, dict[float, tuple[float, float]]] = {"RMC": {}, "GGA": {}}
     first = float(measured[start].instant or 0.0)
@@ -205,6 +231,22 @@ def _dated(date: str, clock: str) -> float:
     year = int(date[4:]) + (2000 if int(date[4:]) < 80 else 1900)
     day = datetime(year, int(date[2:4]), int(date[:2]), tzinfo=UTC)
     return day.timestamp() + _clock(clock)
+
+
+def _logged(text: str) -> float | None:
+    """Seconds since 1970 of a stamp in the text before a sentence; None without a valid one."""
+    match = next(filter(None, (pattern.search(text) for pattern in _STAMPS)), None)
+    if match is None:
+        return None
+    own = match.groupdict()
+    try:
+        if "day_of_year" in own:
+            day = datetime.strptime(f"{own['year']} {own['day_of_year']} +0000", "%Y %j %z")
+        else:
+            day = datetime(int(own["year"]), int(own["month"]), int(own["day"]), tzinfo=UTC)
+        return day.timestamp() + _clock(own["clock"].replace(":", ""))
+    except ValueError:
+        return None
 
 
 def _nearest(clock: float, last: float) -> float:

@@ -6,6 +6,7 @@ Sources: the generic spreadsheet in the guide of Ocean Data View (https://odv.aw
 description of WODselect's CSV (https://www.ncei.noaa.gov/access/world-ocean-database-select).
 """
 
+import csv
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -70,13 +71,19 @@ def _bottles(path: Path, lines: Lines) -> ArchiveTable:
 def _is_odv(_: str, lines: Lines) -> bool:
     """True if the first line that is no comment has the labels of a spreadsheet."""
     head = next((line for line in lines if line.strip() and not line.startswith("//")), "")
-    labels = _roles(_cells(head))
+    labels = _roles(_cells(head, _separator(head)))
     return {"station", "lat", "lon"} <= labels.keys() and bool({"time", "date"} & labels.keys())
 
 
-def _cells(line: str) -> list[str]:
-    """Cells of a line between tabs, or semicolons if it has no tab."""
-    return [cell.strip().strip('"') for cell in line.split("\t" if "\t" in line else ";")]
+def _separator(head: str) -> str:
+    """Separator of a spreadsheet, from the line with its labels."""
+    return next((mark for mark in "\t;" if mark in head), ",")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """Cells of a line; those between commas may be quoted."""
+    cells = next(csv.reader([line]), []) if separator == "," else line.split(separator)
+    return [cell.strip().strip('"') for cell in cells]
 
 
 def _roles(titles: list[str]) -> dict[str, int]:
@@ -96,7 +103,8 @@ def _odv(_: Path, lines: Lines) -> ArchiveTable:
     A station without latitude or longitude has no place, as a cast of any other table.
     """
     start = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("//"))
-    titles = _cells(lines[start])
+    separator = _separator(lines[start])
+    titles = _cells(lines[start], separator)
     roles = _roles(titles)
     flags, notes = _odv_flags(titles)
     data = [k for k in range(len(titles)) if k not in flags and k not in roles.values()]
@@ -109,7 +117,7 @@ def _odv(_: Path, lines: Lines) -> ArchiveTable:
     for i, line in enumerate(lines[start + 1 :], start + 1):
         if not line.strip() or line.startswith("//"):
             continue
-        cells = _cells(line)
+        cells = _cells(line, separator)
         if len(cells) < len(titles) - len(flags):
             table[i] = "\t".join(cells[:4])  # truncated, for the list of invalid lines
             continue

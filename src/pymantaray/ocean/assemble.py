@@ -29,6 +29,7 @@ from pymantaray.ocean.schema import (
     VARIABLES,
     assemble_ocean,
 )
+from pymantaray.records.digits import counted
 
 if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
@@ -49,7 +50,7 @@ def ocean_of(
     steps: list[str] = []
     raw = {role: part.read(field, instant) for role, (part, field) in fields.items()}
     steps += [
-        f"{count} values of {fields[role][1].variable} outside its valid range removed"
+        f"{counted(count, 'value')} of {fields[role][1].variable} outside its valid range removed"
         for role, (_, count) in raw.items()
         if count
     ]
@@ -128,15 +129,14 @@ def _zeros(temperature: Array, salinity: Array) -> tuple[Mask, list[str]]:
     fresh = (salinity == 0.0) & ~land
     steps = []
     if land.any():
-        count = np.count_nonzero(land)
         steps.append(
-            f"{count} points removed: temperature and salinity are exactly 0 there, as on land"
+            f"{counted(int(land.sum()), 'point')} removed: temperature and salinity are exactly 0"
+            " there, as on land"
         )
     if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
-        count = np.count_nonzero(fresh)
         steps.append(
-            f"{count} points have a salinity of 0 in salty water: if 0 means missing, declare it"
-            " (_FillValue)"
+            f"a salinity of 0 in salty water at {counted(int(fresh.sum()), 'point')}: if 0 means"
+            " missing, declare it (_FillValue)"
         )
     return land, steps
 
@@ -183,9 +183,10 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     for name, field in fields.items():
         values = np.where(moving, field, 0.0) if name in ("water_u", "water_v") else field
         fields[name] = np.where(wet, values, np.nan)
+    missing = "removed: temperature or salinity is missing there or above"
     lines = {
-        f"{dropped} points removed: temperature or salinity is missing there or above": dropped,
-        f"currents set to 0 at {still} wet points without currents": still,
+        f"{counted(dropped, 'point')} {missing}": dropped,
+        f"currents set to 0 at {counted(still, 'wet point')} without currents": still,
     }
     return [line for line, count in lines.items() if count]
 

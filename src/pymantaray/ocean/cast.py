@@ -57,7 +57,19 @@ _COLUMNS = {
     "lat": ("latitude", "latitude lat"),
     "lon": ("longitude", "longitude lon long"),
 }
-_NAMES = {quantity: names.split() for quantity, (_, names) in _COLUMNS.items()}
+# names in the vocabulary P01 of SeaDataNet (https://vocab.nerc.ac.uk), for the temperature scale of
+# 1990 only, and in GEOTRACES
+_CODES = {
+    "depth": "dephpr01 adepzz01",
+    "pressure": "prespr01 ctdprs_t_value_sensor",
+    "temperature": "temppr01 tempst01 tempcc01 tempcu01 temps901 tempp901 ctdtmp_t_value_sensor",
+    "potential_temperature": "potmcv01",
+    "salinity": "psltzz01 psalpr01 psalst01 psalcc01 psalcu01 ctdsal_d_conc_sensor",
+}
+_NAMES = {
+    quantity: [*names.split(), *_CODES.get(quantity, "").split()]
+    for quantity, (_, names) in _COLUMNS.items()
+}
 _TEXTS = {
     "time": ("time", "datetime", "date_time", "time_utc", "timestamp", "date"),
     "station": (

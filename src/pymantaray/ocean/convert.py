@@ -96,7 +96,7 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
     "pressure": (
         "dbar",
         {
-            1.0: "dbar db decibar decibars dbars",
+            1.0: "dbar db decibar decibars dbars decibar=10000pascals",
             10.0: "bar bars",
             1e-4: "pa pascal pascals",
             1e-2: "hpa mbar millibar",

@@ -89,6 +89,14 @@ def to_local(
 
     If the spline of sound speed leaves the four grid points around a node of the water by more than
     5 m/s, as at fronts that the grid does not resolve, sound speed is bilinear instead.
+
+    Examples
+    --------
+    >>> from pymantaray import open_ocean, to_local
+    >>> ocean = open_ocean("synthetic:fram")
+    >>> local = to_local(ocean, centre=(78.5, 1.0), half_extent=(10e3, 10e3))
+    >>> print(local["sound_speed"].dims)
+    ('north', 'east', 'depth')
     """
     return local_grid(
         ocean, centre, half_extent, sea_floor=sea_floor, equation=equation

@@ -8,7 +8,7 @@ import numpy as np
 
 from pymantaray.errors import RecordError
 from pymantaray.records.base import Column, Record, column
-from pymantaray.records.status import RayAxis, RayStatus
+from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayAxis, RayStatus
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +31,17 @@ class LossOfArrivals(Protocol):
     @property
     def boundary_phase(self) -> Column:
         """Phase that the reflections add. [rad]"""
+
+
+def _without_arrival(status: Column) -> str:
+    """Links without an arrival by their status in words, such as `` (2 shadow, 1 too weak)``."""
+    counts = {
+        words.label: int(np.count_nonzero(status == outcome))
+        for outcome, words in RAY_STATUS_WORDS.items()
+        if outcome not in ARRIVES
+    }
+    texts = [f"{count:,} {label}" for label, count in counts.items() if count]
+    return f" ({', '.join(texts)})" if texts else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +68,9 @@ class FirstArrivals(Record):
         "link axis", "s m-1", "slowness vector at the receiver, along the ray"
     )
 
+    def _outcomes(self) -> str:
+        return _without_arrival(self.status)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Arrivals(Record):
@@ -66,6 +80,17 @@ class Arrivals(Record):
     Rows are sorted by link and travel time.
 
     Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium, find_eigenrays
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> arrivals = find_eigenrays(medium, [[0, 0, 50], [0, 0, 50]], [[3000, 0, 400], [0, 0, 2000]])
+    >>> arrivals
+    <Arrivals: 1 arrival, 2 links (1 outside the domain)>
+    >>> first = arrivals.first()
+    >>> print(first.travel_time.round(4), first.status)
+    [2.0659    nan] [0 3]
     """
 
     kind: ClassVar[str] = "arrivals"
@@ -107,6 +132,9 @@ class Arrivals(Record):
         "?",
         default=True,
     )
+
+    def _outcomes(self) -> str:
+        return _without_arrival(self.status)
 
     def first(self) -> FirstArrivals:
         """Earliest arrival of each link; NaN if the status is not OK."""

@@ -98,7 +98,9 @@ class Record:
         cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Kind and sizes, such as ``<Estimates: 3 conditions, 433 epochs, 11 vehicles>``."""
+        """
+        Kind, sizes and outcomes, such as ``<Estimates: 3 conditions, 433 epochs, 11 vehicles>``.
+        """
         sizes = dict[str, int]()
         for item in self._columns():
             sizes |= zip(item.metadata["dims"], getattr(self, item.name).shape, strict=True)
@@ -107,7 +109,11 @@ class Record:
             for name, n in sizes.items()
             if name.removesuffix(_COLUMN) == name not in LABELS
         )
-        return f"<{type(self).__name__}: {', '.join(texts)}>"
+        return f"<{type(self).__name__}: {', '.join(texts)}{self._outcomes()}>"
+
+    def _outcomes(self) -> str:
+        """Text behind the sizes in the representation."""
+        return ""
 
     @np.errstate(invalid="ignore")  # conversion of NaN to integers, which is checked
     def __post_init__(self) -> None:

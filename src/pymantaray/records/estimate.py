@@ -22,6 +22,15 @@ class Estimates(DatedRecord):
     A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM
     has NaN poses. Dead reckoning (condition ``odometry``) has status OK, no iterations and NaN
     costs. Each estimator of a study is also a condition.
+
+    Examples
+    --------
+    >>> from pymantaray import load_study
+    >>> from pymantaray.apps.study import run_study
+    >>> changes = {"mission.duration_h": 2.0, "mission.ping_interval_h": 1.0}
+    >>> run = run_study(load_study("quick", **changes), workers=1)
+    >>> print(run.estimates.condition, run.estimates.position.shape[-1])
+    ['odometry' 'straight' 'refracted'] 3
     """
 
     kind: ClassVar[str] = "estimates"

@@ -17,6 +17,23 @@ class Measurements(DatedRecord):
     ``landmark_name``. Every range attempt has a row; ``range_status`` (`RayStatus`) is its outcome.
     The simulator writes values without noise, and `sensing.perturb` adds noise. `RangingTruth`
     contains the data to which estimators have no access.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.ranges import measure
+    >>> from pymantaray import Trajectories
+    >>> fleet = Trajectories(
+    ...     name=["A", "B"],
+    ...     role=["vehicle", "vehicle"],
+    ...     time=[0.0, 60.0],
+    ...     position=[[[0, 0, 20], [30, 0, 20]], [[2000, 0, 400], [2000, 30, 400]]],
+    ...     quaternion=[[[1, 0, 0, 0]] * 2] * 2,
+    ...     status=[[0, 0], [0, 0]],
+    ... )
+    >>> sea = {"source": "synthetic:beaufort", "centre_lat": 74.5, "centre_lon": -140.0}
+    >>> run = measure(fleet, sea, 60.0)
+    >>> run.measurements.name.tolist(), run.measurements.depth.shape
+    (['A', 'B'], (2, 2))
     """
 
     kind: ClassVar[str] = "measurements"

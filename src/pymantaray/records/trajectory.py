@@ -21,6 +21,22 @@ class Trajectories(DatedRecord):
     ``status`` contains `VehicleStatus` values; a stopped vehicle stays at its last position.
     ``centre`` is the latitude and longitude of the frame's centre [degrees], or None if unknown.
     With a centre, data sets have latitudes and longitudes of all poses.
+
+    Examples
+    --------
+    >>> from pymantaray import Trajectories
+    >>> still = Trajectories(
+    ...     name=["A"],
+    ...     role=["vehicle"],
+    ...     time=[0.0, 60.0],
+    ...     position=[[[0.0, 0.0, 10.0], [30.0, 0.0, 10.0]]],
+    ...     quaternion=[[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]],
+    ...     status=[[0, 0]],
+    ... )
+    >>> still
+    <Trajectories: 1 vehicle, 2 times>
+    >>> print(still.to_dataset()["position"].dims)
+    ('vehicle', 'time', 'axis')
     """
 
     kind: ClassVar[str] = "trajectories"

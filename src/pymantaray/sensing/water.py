@@ -48,6 +48,14 @@ class Water:
         Doubts about the water.
     frame : LocalFrame or None
         Local frame; None if the water has no geographic position.
+
+    Examples
+    --------
+    >>> from pymantaray import open_water
+    >>> water = open_water("synthetic:fram", half_extent=15e3)
+    >>> medium, currents = water.at_start
+    >>> print(f"{medium.sound_speed_at([0.0, 0.0, 100.0])[0]:.1f} m/s")
+    1449.5 m/s
     """
 
     medium: Medium | Callable[[float], Medium]

@@ -124,7 +124,7 @@ def test_arrivals_are_a_data_frame_with_units_in_names(as_stored):
     assert frame[["link", "arrival"]].to_numpy().tolist() == [[0, 0], [0, 1], [2, 0]]
     np.testing.assert_array_equal(frame["travel_time_s"], arrivals.travel_time)
     np.testing.assert_allclose(frame["launch_angle_deg"], np.degrees(arrivals.launch_angle))
-    assert repr(arrivals) == "<Arrivals: 3 arrivals, 3 links>"
+    assert repr(arrivals) == "<Arrivals: 3 arrivals, 3 links (1 shadow)>"
 
 
 def test_a_run_and_its_plots_are_shown_in_one_line(run):

@@ -55,6 +55,12 @@ class AtlasLinks:
     ------
     AtlasError
         If a depth is negative, a list is empty or does not increase, or a number is not positive.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.atlas import AtlasLinks
+    >>> AtlasLinks(pairs=((20.0, 800.0),), distances=(1000.0, 3000.0), bearings=8).distances
+    (1000.0, 3000.0)
     """
 
     pairs: tuple[tuple[float, float], ...] = tuple(combinations_with_replacement(_DEPTHS, 2))

@@ -62,6 +62,14 @@ def export_authors(
         If the program has no such vehicle, schedule or water.
     WriteError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> from pymantaray import load_study
+    >>> from pymantaray.apps.authors import export_authors
+    >>> notes = export_authors(load_study("quick"), "files")
+    >>> len(notes) > 0  # what the program does differently
+    True
     """
     run = source if isinstance(source, Run) else None
     if isinstance(source, str | Path) and (Path(source) / MANIFEST).is_file():

@@ -36,6 +36,13 @@ class HalfSpace:
     ------
     AcousticsError
         If a value is negative or not finite, or the sound speed or density is 0.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.bellhop import BellhopOptions, HalfSpace
+    >>> sand = HalfSpace(sound_speed=1650.0, density_g_per_cm3=1.9)
+    >>> BellhopOptions(bottom=sand).bottom.sound_speed
+    1650.0
     """
 
     sound_speed: float
@@ -81,6 +88,12 @@ class BellhopOptions:
     ------
     AcousticsError
         If a value is not allowed.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.bellhop import BellhopOptions
+    >>> BellhopOptions(run="eigenrays", beams=200).beams
+    200
     """
 
     run: BellhopOutput = "arrivals"

@@ -81,6 +81,15 @@ def write_bellhop(
     (option C) with a flat `.bty` that extends beyond all links; any other medium becomes a
     hexahedral grid. The sea bed is bilinear in a medium, and consists of two triangles per cell in
     Bellhop.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.bellhop import linear_medium, write_bellhop
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> files = write_bellhop("links", linear_medium(medium), [0, 0, 50], [3000, 0, 400])
+    >>> [file.name for file in files]
+    ['link.env']
     """
     options = options or BellhopOptions()
     a, b = (np.atleast_2d(np.asarray(points, dtype=float)) for points in (source, receiver))
@@ -124,6 +133,14 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     Medium
         Medium with ``linear`` interpolation. Its difference from a smooth medium decreases with the
         square of the number of parts.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.bellhop import linear_medium
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> linear_medium(medium, vertical=4).interpolation
+    'linear'
     """
     from scipy.interpolate import make_interp_spline
 

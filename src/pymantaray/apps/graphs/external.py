@@ -68,7 +68,7 @@ _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient
 
 @dataclass(frozen=True, eq=False)
 class GraphResult:
-    """
+    r"""
     Result of an estimator on a graph file.
 
     ``graph`` includes added priors. ``as_in_file`` lists the variables that start at the file's
@@ -81,6 +81,22 @@ class GraphResult:
     ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from
     all starts, and ``alternative`` the lowest other minimum if its cost is within chi-square of the
     solution's. ``certificate`` is set by `with_certificate`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import open_graph, solve_graph
+    >>> result = solve_graph(open_graph("graph.pyfg"))
+    >>> result.start, result.solution.status.name
+    ('file', 'OK')
     """
 
     graph: FactorGraph
@@ -245,7 +261,7 @@ def open_graph(
     indefinite: Indefinite = "refuse",
     covariances: Covariances = "full",
 ) -> GraphFile:
-    """
+    r"""
     Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its
     name and its first vertex or edge.
 
@@ -279,6 +295,21 @@ def open_graph(
     ------
     EstimationError
         If the file cannot be read or a line is not in the grammar; the message names the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import open_graph
+    >>> open_graph("graph.pyfg").graph
+    <FactorGraph: 1 vehicle, 0 landmarks, 2 poses>
     """
     if covariances not in get_args(Covariances):
         raise EstimationError(
@@ -332,7 +363,7 @@ def solve_graph(
     truth: bool = True,
     report: Callable[[int, float], None] | None = None,
 ) -> GraphResult:
-    """
+    r"""
     Run an estimator on a graph from a file; ``diagnosis`` of the result explains a failure.
 
     Parameters
@@ -369,6 +400,22 @@ def solve_graph(
     EstimationError
         If the estimator or start is unknown, a part of the graph is free, or there are fewer
         measurements than unknowns; the message names a variable.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import open_graph, solve_graph
+    >>> result = solve_graph(open_graph("graph.pyfg"), start="dead-reckoning")
+    >>> result.solution.status.name
+    'OK'
     """
     # refuse unknown names, and random starts of a single start
     if isinstance(estimator, str) and estimator not in METHODS:
@@ -569,7 +616,7 @@ def _finite(value: Any) -> Any:
 
 
 def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) -> tuple[Any, Any]:
-    """
+    r"""
     Convert a graph and values to GTSAM, to solve or extend them there.
 
     Parameters
@@ -587,6 +634,23 @@ def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) 
     gtsam.NonlinearFactorGraph, gtsam.Values
         Keys are the rows of the graph: poses first, then landmarks. The ranges are the last
         factors.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
+    >>> result = solve_graph(open_graph("graph.pyfg"))
+    >>> factors, start = to_gtsam(result.graph, result.initial)
+    >>> factors.size()
+    2
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 

@@ -276,7 +276,7 @@ def positive_factor(matrix: csc_array) -> Any | None:
 
 @dataclass(frozen=True)
 class Certificate:
-    """
+    r"""
     Result of `certify`.
 
     Parameters
@@ -294,6 +294,23 @@ class Certificate:
         Largest distance between positions of the estimate and of the critical point. [m]
     reason : str or None
         Why there is no certificate; None if there is one or a negative eigenvalue.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import certify, open_graph, solve_graph
+    >>> result = solve_graph(open_graph("graph.pyfg"))
+    >>> proof = certify(result.graph, result.solution.values)
+    >>> proof.certified, proof.lower_bound <= proof.cost
+    (True, True)
     """
 
     certified: bool
@@ -317,7 +334,7 @@ class Certificate:
 
 
 def certify(graph: FactorGraph, values: GraphValues) -> Certificate:
-    """
+    r"""
     Certify that an estimate is a global minimum, or compute the least eigenvalue of the certificate
     matrix.
 
@@ -338,6 +355,22 @@ def certify(graph: FactorGraph, values: GraphValues) -> Certificate:
     Returns
     -------
     Certificate
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
+    >>> lines = [
+    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
+    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
+    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
+    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
+    ... ]
+    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
+    >>> from pymantaray.apps.graphs import certify, open_graph, solve_graph
+    >>> result = solve_graph(open_graph("graph.pyfg"))
+    >>> certify(result.graph, result.solution.values).certified
+    True
     """
     if others := not_quadratic(graph):
         return Certificate(False, reason=f"{', '.join(others)} are not quadratic in the relaxation")

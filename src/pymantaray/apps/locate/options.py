@@ -49,6 +49,12 @@ class SpeedPrior:
         speed. [1/km]
     knot_interval : float
         Spacing of the splines' knots; 0 for one eightieth of the survey, but at least 5 min. [s]
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import LocateOptions, SpeedPrior
+    >>> LocateOptions(speed_prior=SpeedPrior(scale=0.002)).speed_prior.scale
+    0.002
     """
 
     scale: float = 5e-3
@@ -91,6 +97,12 @@ class LocateOptions:
     earth : {"auto", "flat", "sphere"}
         Shape of the Earth: ``auto`` is the sphere if the survey has a geographic frame, else that
         of the water. If neither states it, both are averaged by their marginal likelihood.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import LocateOptions
+    >>> LocateOptions(speed_model="time", earth="sphere").gross
+    5.0
     """
 
     speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
@@ -162,6 +174,12 @@ class PlanOptions:
     criterion : {"position", "horizontal", "depth", "volume", "hours"}
         What is smallest at the best radius; ``hours`` are those until the standard deviation of the
         position is 1 m.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import PlanOptions
+    >>> PlanOptions(depth=1300.0, sigma=1e-4).ship_speed
+    2.0
     """
 
     depth: float

@@ -29,6 +29,12 @@ class Pattern:
         Extent of the pattern from its middle. [m]
     pings : int
         Number of pings.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import Pattern
+    >>> Pattern("rose", radius=1500.0, pings=100).shape
+    'rose'
     """
 
     shape: Shape

@@ -38,6 +38,17 @@ class SurveyPlan:
     ``lost`` (pings without a ray), ``length_m`` (track), ``hours`` (at the ship's speed, with
     turns), ``hours_to_1_m`` (of repetitions until ``sigma_position_m`` is 1 m), and ``at_edge``
     (``smallest`` or ``greatest`` for the first and the last radius of a pattern).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.locate import PlanOptions, plan_survey
+    >>> water = Medium.from_profile([0.0, 1500.0], [1500.0, 1510.0], bottom_depth=1500.0)
+    >>> options = PlanOptions(depth=1300.0)
+    >>> plan = plan_survey(water, options, np.array([1000.0]), shapes=("cross",), pings=20)
+    >>> plan.options.depth
+    1300.0
     """
 
     table: pd.DataFrame
@@ -177,6 +188,17 @@ def plan_survey(
     ------
     LocateError
         If the profile ends above the node, or a number is impossible.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.locate import PlanOptions, plan_survey
+    >>> water = Medium.from_profile([0.0, 1500.0], [1500.0, 1510.0], bottom_depth=1500.0)
+    >>> options = PlanOptions(depth=1300.0, sigma=1e-4)
+    >>> plan = plan_survey(water, options, np.array([1000.0]), shapes=("circle", "rose"), pings=20)
+    >>> plan.table["pattern"].unique().tolist()
+    ['circle', 'rose']
     """
     if options.depth > float(medium.depth[-1]) + 10.0:
         raise LocateError(

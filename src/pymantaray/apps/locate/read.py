@@ -17,7 +17,7 @@ from pymantaray.user_files import check_regular, first_bytes
 
 
 def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
-    """
+    r"""
     Read a survey.
 
     Parameters
@@ -37,6 +37,17 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     ------
     LocateError
         If a file is missing or a line is invalid.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.locate import ReadOptions, read_survey
+    >>> rows = [f"{60 * i},M1,{1.8 + 0.001 * i},{100 * i},0" for i in range(8)]
+    >>> lines = ["time,node,two_way_time_s,north_m,east_m", *rows]
+    >>> _ = Path("pings.csv").write_text("\n".join(lines))
+    >>> survey = read_survey("pings.csv", ReadOptions(depth=1300.0))
+    >>> survey.time.size
+    8
     """
     path = Path(path)
     selected = options or ReadOptions()

@@ -53,6 +53,12 @@ class ReadOptions:
         file. [m]
     platform_error : PlatformError, optional
         Errors of positions, which replace those of the file.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import ReadOptions
+    >>> ReadOptions(nodes="nodes.csv", lever=(6.0, -2.5, 20.0)).lever
+    (6.0, -2.5, 20.0)
     """
 
     nodes: str | Path | None = None

@@ -48,6 +48,12 @@ class Node:
     offset_sigma, drift_sigma : float
         Prior standard deviations of the clock's offset at the first ping [s] and of its drift
         [s/s], for one-way times.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import Node
+    >>> Node("M1", (0.0, 0.0, 1300.0), turn_around=0.32).name
+    'M1'
     """
 
     name: str
@@ -94,6 +100,12 @@ class LeverArm:
     sigma : tuple of float
         Prior standard deviations of the lever arm (forward, starboard, down); 0 for a known axis.
         [m]
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import LeverArm
+    >>> LeverArm(offset=(6.0, -2.5, 20.0), sigma=(0.02, 0.02, 0.05)).offset
+    (6.0, -2.5, 20.0)
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -127,6 +139,12 @@ class PlatformError:
         Standard deviation of depth. [m]
     correlation : float
         Correlation time. [s]
+
+    Examples
+    --------
+    >>> from pymantaray.apps.locate import PlatformError
+    >>> PlatformError(horizontal=0.05, vertical=0.1).correlation
+    600.0
     """
 
     horizontal: float = 0.0
@@ -144,7 +162,7 @@ class PlatformError:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """
+    r"""
     Measured travel times and positions of the platform.
 
     Parameters
@@ -193,6 +211,17 @@ class Survey:
         File, for messages.
     notes : sequence of str
         Changes and omissions by the reader.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.locate import ReadOptions, read_survey
+    >>> rows = [f"{60 * i},M1,{1.8 + 0.001 * i},{100 * i},0" for i in range(8)]
+    >>> lines = ["time,node,two_way_time_s,north_m,east_m", *rows]
+    >>> _ = Path("pings.csv").write_text("\n".join(lines))
+    >>> survey = read_survey("pings.csv", ReadOptions(depth=1300.0))
+    >>> [node.name for node in survey.nodes]
+    ['M1']
     """
 
     nodes: tuple[Node, ...]

@@ -17,7 +17,15 @@ _AXES = 3  # errors that one member of the state holds, in place of a position
 
 
 class SoundSpeedBias(NamedTuple):
-    """Relative error of the sound speed between two depth bands (from, to) [m], and its sigma."""
+    """
+    Relative error of the sound speed between two depth bands (from, to) [m], and its sigma.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.online import SoundSpeedBias
+    >>> SoundSpeedBias((0.0, 100.0), (100.0, 1000.0), 0.5, 0.1).value
+    0.5
+    """
 
     band: tuple[float, float]
     other: tuple[float, float]
@@ -40,6 +48,12 @@ class DriftingWater(NamedTuple):
         Correlation time; infinite for an error that is constant. [h]
     depths : tuple of float
         Limits of the depth bands, ascending; by default there is one band. [m]
+
+    Examples
+    --------
+    >>> from pymantaray.apps.online import DriftingWater
+    >>> DriftingWater(2e-3, 6.0, (100.0,)).depths
+    (100.0,)
     """
 
     sigma: float

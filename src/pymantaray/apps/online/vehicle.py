@@ -56,6 +56,12 @@ class StartPose(NamedTuple):
         vehicle points north.
     sigma : array_like, shape (6,)
         Rotations about the body's axes [rad], then position along them [m].
+
+    Examples
+    --------
+    >>> from pymantaray.apps.online import StartPose
+    >>> StartPose((0.0, 0.0, 50.0)).position
+    (0.0, 0.0, 50.0)
     """
 
     position: ArrayLike
@@ -73,6 +79,12 @@ class Beacon(NamedTuple):
         North, east, down. [m]
     sigma : float
         Standard deviation of each coordinate; if positive, the position is estimated, too. [m]
+
+    Examples
+    --------
+    >>> from pymantaray.apps.online import Beacon
+    >>> Beacon((1000.0, 0.0, 50.0), sigma=2.0).sigma
+    2.0
     """
 
     position: ArrayLike
@@ -94,6 +106,14 @@ class PoseEstimate(NamedTuple):
     covariance : ndarray, shape (6, 6)
         Of rotation errors about the body's axes [rad] and of position errors along north, east and
         down [m].
+
+    Examples
+    --------
+    >>> from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
+    >>> beacons = {"B1": Beacon((1000.0, 0.0, 50.0))}
+    >>> estimator = OnlineEstimator(StartPose((0.0, 0.0, 50.0)), beacons, 1500.0, lag=60.0)
+    >>> estimator.pose().covariance.shape
+    (6, 6)
     """
 
     time: float

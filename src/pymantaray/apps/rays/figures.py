@@ -47,6 +47,16 @@ def write_ray_plot(
         If the file has another suffix.
     WriteError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.acoustics import ray_picture
+    >>> from pymantaray.apps.rays import write_ray_plot
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> picture = ray_picture(medium, [0, 0, 50], [3000, 0, 400])
+    >>> write_ray_plot([picture], "rays.png", titles=["A to B"]).name
+    'rays.png'
     """
     out = Path(out)
     kind = out.suffix.removeprefix(".")

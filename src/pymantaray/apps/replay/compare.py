@@ -286,7 +286,7 @@ def replay_events(
     seed: int = SEED,
     progress: CountProgress | None = None,
 ) -> Replay:
-    """
+    r"""
     Predict the travel time of every event and compare it with the measured one.
 
     Parameters
@@ -329,6 +329,20 @@ def replay_events(
     ReplayError
         If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there
         is none, or the window is negative.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> axes = ("north", "east", "depth")
+    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
+    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
+    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.replay import read_events, replay_events
+    >>> water = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
+    >>> replay = replay_events(read_events("events.csv"), water)
+    >>> replay.events["status"].tolist()
+    ['ok']
     """
     rule = checked_rule(events, rule, options, window, reference)
     waters = _waters(waters)

@@ -35,7 +35,7 @@ _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
 @dataclass(frozen=True, eq=False)
 class Events:
-    """
+    r"""
     Receptions whose one-way travel time was measured.
 
     Parameters
@@ -61,6 +61,18 @@ class Events:
         UTC of time 0; NaT, the default, if only differences of time are known.
     notes : sequence of str
         Lines that the reader left out.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.replay import read_events
+    >>> axes = ("north", "east", "depth")
+    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
+    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
+    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
+    >>> events = read_events("events.csv")
+    >>> events.receiver.tolist()
+    ['B']
     """
 
     time: Array
@@ -146,7 +158,7 @@ class Events:
 
 
 def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
-    """
+    r"""
     Read measured travel times from a table.
 
     Parameters
@@ -171,6 +183,17 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     ReplayError
         If a column is missing, or a value is impossible. Lines that cannot be parsed are left out
         with a note, and an error if they are half of the file or more.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.replay import read_events
+    >>> axes = ("north", "east", "depth")
+    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
+    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
+    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
+    >>> read_events("events.csv").travel_time
+    array([1.03])
     """
     invalid = InvalidLines()
     try:

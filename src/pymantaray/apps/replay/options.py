@@ -34,6 +34,12 @@ class PredictionOptions:
     learn : {"causal", "smooth"}, optional
         Learn slow errors of water, positions and clocks from the events: from earlier events only,
         or from all others. By default nothing is learned.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.replay import PredictionOptions
+    >>> PredictionOptions(draws=16, learn="causal").draws
+    16
     """
 
     draws: int = 1

@@ -70,6 +70,18 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     shows them; see `pymantaray.apps.replay.consistency.node_table`. ``innovation_ratio`` is the
     root mean square of the normalized innovations: about 1 if sigma is right, more if the errors
     are larger.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> axes = ("north", "east", "depth")
+    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
+    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
+    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
+    >>> from pymantaray.apps.replay import read_events, smooth_positions
+    >>> smoothed, positions = smooth_positions(read_events("events.csv"), sigma=3.0)
+    >>> smoothed.travel_time
+    array([1.03])
     """
     check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)
     frame = None

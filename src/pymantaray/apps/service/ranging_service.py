@@ -368,6 +368,16 @@ class Ping(Record):
     receptions : Receptions
         All receptions of the ping, and of the answers in the other direction; ``link`` is the
         receiver's row. Their travel times include the current.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.service import RangingService
+    >>> medium = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
+    >>> with RangingService(medium) as service:
+    ...     ping = service.ping(0.0, (0.0, 0.0, 50.0), [(1500.0, 0.0, 100.0)])
+    >>> print(ping.travel_time.round(4), ping.refracted_range.round(1))
+    [1.0342] [1500.4]
     """
 
     kind: ClassVar[str] = "ping"

@@ -139,6 +139,15 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
     ------
     ServiceError
         If waitress is not installed, or the address cannot be used.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.service import RangingService, make_server
+    >>> medium = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
+    >>> with RangingService(medium) as service:
+    ...     server = make_server(service)
+    ...     server.close()
     """
     with optional_package(ServiceError, "server", "waitress", "serve"):
         from waitress.server import create_server

@@ -268,7 +268,7 @@ class Sweep:
 
 
 def load_sweep(file: str | Path, **changes: Any) -> Sweep:
-    """
+    r"""
     Read a sweep file.
 
     Parameters
@@ -289,6 +289,15 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
         If the file is missing, not TOML or not a sweep.
     StudyError
         If its base is not a study.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.sweep import load_sweep
+    >>> lines = ['base = "quick"', "seeds = [1, 2]", "[cross]", "noise.range_sigma = [0.5, 1]"]
+    >>> _ = Path("sweep.toml").write_text("\n".join(lines))
+    >>> load_sweep("sweep.toml").shape
+    (2, 2)
     """
     path = Path(file)
     text = read_text(path, SweepError, what="a sweep file")

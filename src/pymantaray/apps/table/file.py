@@ -50,6 +50,15 @@ def save_table(table: TravelTimeTable, path: Path | str, *, replace: bool = Fals
         NetCDF, or the packed form for the C reader if the name ends in ``.mtt``.
     replace : bool
         Overwrite an existing file.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.table import build_table, open_table, save_table
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> save_table(build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0)), "saved.nc")
+    >>> open_table("saved.nc").upper
+    (100.0, 500.0, 2000.0)
     """
     path = Path(path)
     if path.suffix == ".mtt":
@@ -97,6 +106,15 @@ def open_table(path: Path | str) -> TravelTimeTable:
     ------
     OnlineError
         If the file is missing, is not a table, or is damaged.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.table import build_table, open_table, save_table
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> save_table(build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0)), "table.nc")
+    >>> print(open_table("table.nc").horizontal_range(50.0, 400.0, 1.0).horizontal_range.round(1))
+    [1419.4]
     """
     path = check_regular(path, OnlineError, what="a travel-time table")
     try:

@@ -78,6 +78,15 @@ def build_table(
     Cells of source depth, receiver depth and range are halved until the mean slowness (travel time
     over straight distance), interpolated from its values and gradients at the eight corners, has at
     most half of the allowed error at 27 other points.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.table import build_table
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+    >>> print(table.travel_time(50.0, 400.0, 1500.0).travel_time.round(4))
+    [1.0536]
     """
     members = [
         entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)

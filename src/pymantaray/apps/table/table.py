@@ -37,6 +37,16 @@ class TableRanges(Record):
 
     At a given travel time, a faster ocean means a longer range: ``range_by_scale`` is the change of
     range per relative change of all sound speeds.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.table import build_table
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+    >>> found = table.horizontal_range(50.0, 400.0, [1.0, 9.0])
+    >>> print(found.status, found.horizontal_range.round(1))
+    [0 5] [1419.4    nan]
     """
 
     kind = "table_ranges"
@@ -80,6 +90,15 @@ class TravelTimeTable:
         Cells and the arrivals at their corners.
     attrs : dict
         Description of the water and of the selection of arrivals.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.table import build_table
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+    >>> table.upper, table.tolerance
+    ((100.0, 500.0, 2000.0), 0.05)
     """
 
     lower: tuple[float, float, float]

@@ -1,5 +1,6 @@
 """Accessor ``mantaray`` of xarray data sets: sound speed, sections, media and eigenrays."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from pymantaray.config.door.water import open_water
 from pymantaray.errors import WaterError
 from pymantaray.messages import one_line
 from pymantaray.ocean import cf, open_ocean
+from pymantaray.ocean.convert import levels
+from pymantaray.ocean.files import open_file
 from pymantaray.ocean.metres import is_in_metres, ocean_in_metres
 from pymantaray.ocean.names import Equation
 from pymantaray.ocean.seawater import ocean_sound_speed
@@ -50,8 +53,10 @@ class OceanAccessor:
         Returns
         -------
         xarray.DataArray
-            Shape (depth, latitude, longitude), with the axes' names in the data set; NaN below the
-            sea bed. Axes increase, and the levels begin at the surface. [m s-1]
+            Shape (depth, latitude, longitude), with the dimensions and levels of the data set in
+            increasing order, so that sums and differences with its variables align; NaN below the
+            sea bed. Values of levels of pressure are those at their depths at the middle latitude.
+            [m s-1]
 
         Examples
         --------
@@ -66,17 +71,14 @@ class OceanAccessor:
                 self._data["sound_speed"].notnull()
             )
         ocean = open_ocean(self._data, **{"currents": "rest", **options})
-        layout = cf.layout_of(self._data)
-        names = {"depth": layout.depth, "lat": layout.lat, "lon": layout.lon}
-        field = ocean["water_temp"]
         speed = xr.DataArray(
             ocean_sound_speed(ocean, equation=equation),
-            field.coords,
-            field.dims,
+            ocean["water_temp"].coords,
+            ocean["water_temp"].dims,
             "sound_speed",
             {**_SPEED, "sound_speed_equation": equation},
         )
-        return speed.rename({old: new for old, new in names.items() if new != old})
+        return self._on_own_axes(speed, options.get("names") or {})
 
     def medium(self, **options: Any) -> Medium:
         """
@@ -178,6 +180,20 @@ class OceanAccessor:
             search.max_bottom_bounces,
             search.spreading_cutoff_db,
         )
+
+    def _on_own_axes(self, field: xr.DataArray, names: Mapping[str, str]) -> xr.DataArray:
+        """Field of an opened ocean on the levels and with the dimensions of the data set."""
+        data = open_file(self._data)
+        cf.with_standard_names([data], names)
+        layout = cf.layout_of(data)
+        own = data[layout.depth]
+        below, _ = levels(data, layout.depth)
+        # a level at the surface is added to data that begin below it
+        field = field.isel(depth=slice(field.sizes["depth"] - below.size, None))
+        labels = ("depth", own.values[np.argsort(below)], self._data[layout.depth].attrs)
+        field = field.drop_vars("depth").assign_coords(depth=labels)
+        axes = {"depth": layout.depth, "lat": layout.lat, "lon": layout.lon}
+        return field.rename({old: new for old, new in axes.items() if new != old})
 
     def _positions(self, water: Water, ends: dict[str, Any], size: int) -> dict[str, Array]:
         """Positions by name (n, 3) in the local frame, at depth 0 if they have two numbers. [m]"""

@@ -78,7 +78,7 @@ def open_water(source: Source, **options: Any) -> Water:
 
 
 def open_waters(source: Source, **options: Any) -> list[Water]:
-    """
+    r"""
     Open one water per profile or cast of a source.
 
     Parameters
@@ -90,6 +90,15 @@ def open_waters(source: Source, **options: Any) -> list[Water]:
     -------
     list of Water
         One element for sources other than profiles and casts.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray import open_waters
+    >>> _ = Path("cast.csv").write_text("depth,sound_speed\n0,1450\n100,1455\n1000,1470\n")
+    >>> (water,) = open_waters("cast.csv", bathymetry=1000.0)
+    >>> print(water.medium.sound_speed_at([0.0, 0.0, 100.0]))
+    [1455.]
     """
     if isinstance(source, Medium):
         if options:
