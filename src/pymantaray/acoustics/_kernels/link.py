@@ -70,6 +70,7 @@ from pymantaray.acoustics._kernels.trace import (
     direct_course,
     ray_axis,
 )
+from pymantaray.acoustics._kernels.trapped import leave_out_trapped, trapped_angle
 from pymantaray.compile import compact, entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -99,6 +100,7 @@ _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both end
 # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
 _FINER = 0.1
 _SAMPLES = 8  # columns of a section
+_WITHIN_FAN = 0.999  # of the flatter edge of a fan: rays that may be left out as trapped
 _ONE_LAUNCH, _ONE_ARRIVAL = 5e-6, 1e-4  # rad; nearer rays are one
 _CHORD_HALF_WIDTH = 0.02  # rad; of the bracket of a steep link
 _FULL_TOLERANCE_LENGTH = 2e4  # m; for longer links the tolerance grows with their length
@@ -263,13 +265,15 @@ def _tolerances(s, link, settings):
 
 
 @kernel
-def _direct_search(s, link, cross, settings):
-    """Settings of the search of direct rays."""
+def _direct_search(s, link, cross, trapped, settings):
+    """Settings of the search of direct rays; those flatter than trapped [rad] do not arrive."""
     accuracy, weak_slope = _tolerances(s, link, settings)
     resolved = _RESOLVED if cross else math.inf
     # a ladder has no tolerance
     coarse = accuracy.fine if s.ladder else accuracy.coarse
-    return Search(coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0, resolved, 0.0)
+    return Search(
+        coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0, resolved, 0.0, trapped
+    )
 
 
 @kernel
@@ -348,6 +352,21 @@ def _begin(domain, section, i, work, results):
 
 
 @kernel
+def _trapped_rays(s, link, n_nodes, work):
+    """
+    Leave the rays that are trapped away from the receiver out of a fan of n_nodes angles; return
+    the number of the others, and the angle below which rays are trapped, 0 if none is. [rad]
+    """
+    nodes, angle = work.nodes, 0.0
+    if n_nodes > 0 and s.kind == at.LINEAR and s.layered == at.VARYING:
+        angle = trapped_angle(s, link, work)
+        angle = min(angle, _WITHIN_FAN * min(-nodes[0], nodes[n_nodes - 1]))
+    if not angle > 0.0 or n_nodes > nodes.size - 2:
+        return n_nodes, 0.0
+    return leave_out_trapped(n_nodes, angle, nodes), angle
+
+
+@kernel
 def _start(domain, bounces, settings, ends, slot, work, flights, results):
     """
     Start to solve link i of slot (i, k, across); return True if its rays now wait in slot k of
@@ -376,7 +395,8 @@ def _start(domain, bounces, settings, ends, slot, work, flights, results):
     if cross and flights is not None and not across:
         results.status[i] = _LATER
         return False
-    search = _direct_search(s, link, cross, settings)
+    n_nodes, trapped = _trapped_rays(s, link, n_nodes, work)
+    search = _direct_search(s, link, cross, trapped, settings)
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
         tally = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
@@ -400,7 +420,7 @@ def _continue(domain, bounces, settings, k, work, flights, results):
     section, progress = section_of(domain, row, work), progress_of(row)
     s, walls, link = section
     course = direct_course(link, False, row[at.FLIGHT_CROSS] > 0.0)
-    search = _direct_search(s, link, course.cross, settings)
+    search = _direct_search(s, link, course.cross, 0.0, settings)
     levels = course_to_levels(s, course)
     first, last = int(row[at.FLIGHT_FIRST]), int(row[at.FLIGHT_LAST])
     shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)

@@ -125,7 +125,9 @@ HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
 )  # what an interval waits for: its middle, finer ends, an end beyond the root
 
-Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang resolved late")
+Search = namedtuple(
+    "Search", "coarse fine min_width trust steep weak overhang resolved late trapped"
+)
 Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver
 [m], narrowest interval [rad].
 
@@ -134,7 +136,8 @@ narrower than trust [rad]. Rays with a slope above weak [m/rad] are too weak to 
 at a change of code that would meet the receiver within overhang [rad] beyond the change is a
 bracket without width. Two direct rays may be neighbours only if both slopes of the miss predict the
 other miss to within resolved [m]. Between two rays of which one has too many reflections only in
-the last share, late, of the course, rays with fewer reflections are searched."""
+the last share, late, of the course, rays with fewer reflections are searched. Rays flatter than
+trapped [rad] do not meet the receiver."""
 
 
 @kernel
@@ -959,6 +962,8 @@ def _judge(a, b, varies, course, search):
     rule = course.rule
     h = b[at.ANGLE] - a[at.ANGLE]
     reflecting = rule.kind != at.OPEN
+    if -search.trapped <= a[at.ANGLE] and b[at.ANGLE] <= search.trapped:
+        return _DROP, False
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
     same = alive and _same_code(a, b, rule.fold)
     if reflecting and same and a[at.CODE] * b[at.CODE] == 0.0:  # direct

@@ -178,7 +178,16 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     if s.kind == at.SMOOTH and fits_curves(s, walls, course, math.inf, 0.0):
         coarse, late = accuracy.fine, _LATE
     search = Search(
-        coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf, late
+        coarse,
+        accuracy.fine,
+        width,
+        trust,
+        steep,
+        hunt.weak_slope,
+        overhang,
+        math.inf,
+        late,
+        0.0,
     )
     n_brackets, _, more_rays, all_there, _ = find_brackets(
         s, walls, fan_course, n_nodes, 0.0, search, work
