@@ -4,6 +4,8 @@ The check of a release refuses what must not be published, and the recipe agrees
 
 import re
 import runpy
+import subprocess
+import sys
 import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
@@ -106,6 +108,23 @@ def test_tests_that_read_the_source_tree_are_not_run_on_the_wheel():
     assert [
         name for name in readers if not any(fnmatch(name, p) for p in script["NEED_SOURCE"])
     ] == []
+
+
+def test_the_wheel_is_used_as_documented_without_test_packages():
+    """A study, a survey and the small program of README, by the functions that follow pages."""
+    script = runpy.run_path(str(ROOT / ".ci" / "release_check.py"))
+    text = "".join((ROOT / name).read_text(encoding="utf-8") for name in script["FOLLOWED"])
+    for command in ("mantaray study run", "mantaray rays", "mantaray locate", "find_eigenrays"):
+        assert command in text
+    blocked = "import sys; sys.modules |= dict.fromkeys(('pytest', 'hypothesis'))\n"
+    done = subprocess.run(
+        [sys.executable, "-c", blocked + "import pages"],
+        cwd=ROOT / "tests",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_what_is_published_was_checked():
