@@ -2,8 +2,10 @@
 Check a release: version, changelog, conda recipe, archives, and the installed wheel on the oldest
 and newest Python, with the oldest and newest Numba.
 
-    python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as
-    tests/records
+    python .ci/release_check.py [--tests FOLDER ...] [--write]
+
+FOLDER: only these tests, such as tests/records. With --write, docs/reference/dependencies.md and
+installing.md get the size, the time and the licences of this installation.
 
 The version is that of the tag of the current commit. Without a tag the check is a rehearsal: the
 changelog may then still say "Unreleased". Archives are left in dist/.
@@ -14,6 +16,7 @@ import datetime as dt
 import json
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -51,6 +54,7 @@ def main() -> None:
     """Run all steps; the first that fails ends the check with one line."""
     parser = argparse.ArgumentParser(description=__doc__.strip().partition("\n")[0])
     parser.add_argument("--tests", nargs="+", default=["tests"], metavar="FOLDER")
+    parser.add_argument("--write", action="store_true", help="write sizes and licences")
     options = parser.parse_args()
     version, tag = stated_version(), tag_of_commit()
     check_version(version, tag)
@@ -60,6 +64,8 @@ def main() -> None:
     for python in oldest_and_newest():
         check_oldest_numba(python, wheel, version)
         check_installed(python, wheel, version, options.tests)
+    if options.write:
+        write_sizes()
     print(f"release check passed: {version}{'' if tag else ' (rehearsal: the commit has no tag)'}")
 
 
@@ -244,17 +250,34 @@ def check_oldest_numba(python: Path, wheel: Path, version: str) -> None:
 def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -> None:
     """
     Install the wheel into a clean environment, use it, and run tests in a folder without the
-    sources.
+    sources; the page on sizes and licences is left in dist/.
     """
     step(f"{python}: install, use and test outside the tree")
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         own = environment(python, place)
+        start = processor_time()
         call(own, "-m", "pip", "install", "--quiet", wheel)
+        took = processor_time() - start
         env = use(own, version, place)
         call(own, "-m", "pip", "install", "--quiet", "--group", f"{ROOT / 'pyproject.toml'}:test")
+        done = subprocess.run(
+            [str(own), str(ROOT / ".ci" / "dependencies.py"), f"{took:.0f}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            refuse(done.stderr.strip())
+        (DIST / "dependencies.md").write_text(done.stdout, encoding="utf-8")
         words = ("-m", "pytest", "-q", "-n", "auto", "--dist", "worksteal")
         call(own, *words, *tests, cwd=place / "tree", env=env)
+
+
+def processor_time() -> float:
+    """Processor time of all commands so far, which other programs do not lengthen. [s]"""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 def environment(python: Path, place: Path) -> Path:
@@ -304,6 +327,22 @@ def use_extension(own: Path, tree: Path, home: Path, env: dict[str, str]) -> Non
     if not (home / "extended" / "figures" / "speed.png").is_file():
         refuse("the run lacks the figure of examples/extension")
     call(own, "-m", "pip", "uninstall", "--quiet", "--yes", "pymantaray-example")
+
+
+def write_sizes() -> None:
+    """Put the page of the newest Python, and its sum, into the documentation."""
+    reference = ROOT / "docs" / "reference"
+    text = (DIST / "dependencies.md").read_text(encoding="utf-8")
+    (reference / "dependencies.md").write_text(text, encoding="utf-8")
+    summary = re.search(r"^`pip install pymantaray` (brings .+)$", text, re.MULTILINE)[1]
+    installing = reference / "installing.md"
+    words = re.sub(
+        r"(?<=^The installation )brings .+$",
+        summary,
+        installing.read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
+    installing.write_text(words, encoding="utf-8")
 
 
 if __name__ == "__main__":
