@@ -82,7 +82,7 @@ matrix:
 ci-full: $(VENV)/.ready-lint $(VENV)/.ready-docs
 	$(BIN)/python .ci/full.py $(ARGS)
 
-# ARGS="--tests tests/records" runs fewer tests of the installed wheel
+# ARGS="--tests tests/records" runs fewer tests of the installed wheel; ARGS=--write writes docs/reference/dependencies.md
 release-check: $(VENV)/.ready-release
 	$(BIN)/python .ci/release_check.py $(ARGS)
 

@@ -1,9 +1,11 @@
 """
 Check a release: version, changelog, conda recipe, archives, and the installed wheel on the oldest
-and newest Python.
+and newest Python, with the oldest and newest Numba.
 
-    python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as
-    tests/records
+    python .ci/release_check.py [--tests FOLDER ...] [--write]
+
+FOLDER: only these tests, such as tests/records. With --write, docs/reference/dependencies.md and
+installing.md get the size, the time and the licences of this installation.
 
 The version is that of the tag of the current commit. Without a tag the check is a rehearsal: the
 changelog may then still say "Unreleased". Archives are left in dist/.
@@ -11,8 +13,10 @@ changelog may then still say "Unreleased". Archives are left in dist/.
 
 import argparse
 import datetime as dt
+import json
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -30,6 +34,9 @@ VERSIONS = {
 """Files that state the version, and where."""
 COPIED = ("tests", "benchmarks", "examples", "docs", "ros2")
 """Folders that tests of the installed wheel read."""
+FOLLOWED = ("README.md", "docs/tutorials/6-locate-nodes.md")
+"""Pages whose commands and Python must run with what the wheel alone brings: a study, a survey."""
+FOLLOW = "import pages, pathlib, sys; pages.follow(pages.ROOT / sys.argv[1], pathlib.Path())"
 NEED_SOURCE = (
     "test_applications.py",
     "test_documentation*.py",
@@ -47,14 +54,18 @@ def main() -> None:
     """Run all steps; the first that fails ends the check with one line."""
     parser = argparse.ArgumentParser(description=__doc__.strip().partition("\n")[0])
     parser.add_argument("--tests", nargs="+", default=["tests"], metavar="FOLDER")
-    tests = parser.parse_args().tests
+    parser.add_argument("--write", action="store_true", help="write sizes and licences")
+    options = parser.parse_args()
     version, tag = stated_version(), tag_of_commit()
     check_version(version, tag)
     check_changelog(version, released=tag is not None)
     check_recipe(version)
     wheel = build_archives()
     for python in oldest_and_newest():
-        check_installed(python, wheel, version, tests)
+        check_oldest_numba(python, wheel, version)
+        check_installed(python, wheel, version, options.tests)
+    if options.write:
+        write_sizes()
     print(f"release check passed: {version}{'' if tag else ' (rehearsal: the commit has no tag)'}")
 
 
@@ -212,49 +223,126 @@ def interpreter(version: str) -> Path | None:
     return None
 
 
+def check_oldest_numba(python: Path, wheel: Path, version: str) -> None:
+    """Use the wheel with the oldest Numba that it allows, if that has a wheel for this Python."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    numba = "numba==" + re.search(r'"numba>=([\d.]+)"', project)[1]
+    step(f"{python}: use with {numba} outside the tree")
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        own = environment(python, place)
+        download = (own, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", place / "numba")
+        done = subprocess.run(
+            [*map(str, download), "--only-binary", ":all:", numba],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if "No matching distribution found" in done.stderr:
+            print(f"{numba} has no wheel for this Python: skipped")
+            return
+        if done.returncode:
+            refuse(done.stderr.strip())
+        call(own, "-m", "pip", "install", "--quiet", wheel, numba)
+        use(own, version, place)
+
+
 def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -> None:
     """
-    Install the wheel into a clean environment, run a study, and run tests in a folder without the
-    sources.
+    Install the wheel into a clean environment, use it, and run tests in a folder without the
+    sources; the page on sizes and licences is left in dist/.
     """
-    step(f"{python}: install, run and test outside the tree")
+    step(f"{python}: install, use and test outside the tree")
     with tempfile.TemporaryDirectory() as folder:
-        place, environment = Path(folder), Path(folder) / "environment"
-        call(python, "-m", "venv", environment)
-        own, mantaray = environment / "bin" / "python", environment / "bin" / "mantaray"
-        call(own, "-m", "pip", "install", "--quiet", "--upgrade", "pip>=25.1")
+        place = Path(folder)
+        own = environment(python, place)
+        start = processor_time()
         call(own, "-m", "pip", "install", "--quiet", wheel)
-        home = place / "home"
-        home.mkdir()
-        env = {"PATH": f"{own.parent}{os.pathsep}{os.environ['PATH']}", "HOME": str(home)}
-        call(
-            own,
-            "-c",
-            f"import pymantaray; assert pymantaray.__version__ == {version!r}",
-            cwd=home,
-            env=env,
-        )
-        call(mantaray, "study", "run", "quick", "--quiet", "--out", "run", cwd=home, env=env)
+        took = processor_time() - start
+        env = use(own, version, place)
         call(own, "-m", "pip", "install", "--quiet", "--group", f"{ROOT / 'pyproject.toml'}:test")
-        tree = place / "tree"
-        for name in COPIED:
-            shutil.copytree(
-                ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", *NEED_SOURCE)
-            )
-        shutil.copy2(ROOT / "pyproject.toml", tree)
-        call(
-            own,
-            "-m",
-            "pytest",
-            "-q",
-            "-n",
-            "auto",
-            "--dist",
-            "worksteal",
-            *tests,
-            cwd=tree,
-            env=env,
+        done = subprocess.run(
+            [str(own), str(ROOT / ".ci" / "dependencies.py"), f"{took:.0f}"],
+            capture_output=True,
+            text=True,
+            check=False,
         )
+        if done.returncode:
+            refuse(done.stderr.strip())
+        (DIST / "dependencies.md").write_text(done.stdout, encoding="utf-8")
+        words = ("-m", "pytest", "-q", "-n", "auto", "--dist", "worksteal")
+        call(own, *words, *tests, cwd=place / "tree", env=env)
+
+
+def processor_time() -> float:
+    """Processor time of all commands so far, which other programs do not lengthen. [s]"""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def environment(python: Path, place: Path) -> Path:
+    """Interpreter of a new environment below a folder, with the newest pip."""
+    call(python, "-m", "venv", place / "environment")
+    own = place / "environment" / "bin" / "python"
+    call(own, "-m", "pip", "install", "--quiet", "--upgrade", "pip>=25.1")
+    return own
+
+
+def use(own: Path, version: str, place: Path) -> dict[str, str]:
+    """
+    Do in an environment, outside the tree, what users do first: the pages of `FOLLOWED`, and a
+    package with a sensor and a figure. Return the environment variables.
+    """
+    tree = place / "tree"
+    for name in COPIED:
+        without = shutil.ignore_patterns("__pycache__", *NEED_SOURCE)
+        shutil.copytree(ROOT / name, tree / name, ignore=without)
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy2(ROOT / name, tree)
+    home = place / "home"
+    home.mkdir()
+    env = {"PATH": f"{own.parent}{os.pathsep}{os.environ['PATH']}", "HOME": str(home)}
+    stated = f"import pymantaray; assert pymantaray.__version__ == {version!r}"
+    call(own, "-c", stated, cwd=home, env=env)
+    for name in FOLLOWED:
+        print(name, flush=True)
+        folder = home / Path(name).stem
+        folder.mkdir()
+        call(own, "-c", FOLLOW, name, cwd=folder, env={**env, "PYTHONPATH": str(tree / "tests")})
+    use_extension(own, tree, home, env)
+    return env
+
+
+def use_extension(own: Path, tree: Path, home: Path, env: dict[str, str]) -> None:
+    """Run a study with the sensor and the figure of the package in examples/extension."""
+    print("examples/extension", flush=True)
+    call(own, "-m", "pip", "install", "--quiet", "--no-deps", tree / "examples" / "extension")
+    study = ("study", "run", "quick", "--quiet", "--realizations", 1, "--out", "extended")
+    sensor = ("--set", 'mission.sensors=["pressure-gauge"]')
+    call(own.parent / "mantaray", *study, *sensor, cwd=home, env=env)
+    manifest = json.loads((home / "extended" / "manifest.json").read_text(encoding="utf-8"))
+    used = {entry["name"] for entry in manifest["extensions"]}
+    if used != {"pressure-gauge", "speed"}:
+        refuse(f"the run has the extensions {sorted(used)}, not pressure-gauge and speed")
+    if not (home / "extended" / "figures" / "speed.png").is_file():
+        refuse("the run lacks the figure of examples/extension")
+    call(own, "-m", "pip", "uninstall", "--quiet", "--yes", "pymantaray-example")
+
+
+def write_sizes() -> None:
+    """Put the page of the newest Python, and its sum, into the documentation."""
+    reference = ROOT / "docs" / "reference"
+    text = (DIST / "dependencies.md").read_text(encoding="utf-8")
+    (reference / "dependencies.md").write_text(text, encoding="utf-8")
+    summary = re.search(r"^`pip install pymantaray` (brings .+)$", text, re.MULTILINE)[1]
+    installing = reference / "installing.md"
+    words = re.sub(
+        r"(?<=^The installation )brings .+$",
+        summary,
+        installing.read_text(encoding="utf-8"),
+        flags=re.MULTILINE,
+    )
+    installing.write_text(words, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,9 +5,9 @@ Per shelf: modules, lines, lines of code proper (without docstrings, imports, co
 lines), and statements (without docstrings). Then functions that are too long or have too many
 arguments (keyword-only options with a default do not count in a public function), parameters typed
 as sections of a configuration outside `config`, command-line options in texts outside commands,
-lines above 100 columns, and assignments of several values in one statement. Last, the words (as
-`wc -w` counts them) and pages of the documentation: README and docs, of which the decision records
-are outside the contents of the site.
+lines above 100 columns, and assignments of several values in one statement. Last, the words (with
+a letter or digit, so without the bars of tables) and pages of the documentation: README and docs,
+of which the decision records are outside the contents of the site.
 
 python benchmarks/weight.py [ROOT]
 """
@@ -175,7 +175,7 @@ def print_documentation(root: Path) -> None:
     """Print words and pages of the documentation, and how many of them are decision records."""
     docs = root / "docs"
     words = {
-        page: len(page.read_text(encoding="utf-8").split())
+        page: len(re.findall(r"\S*\w\S*", page.read_text(encoding="utf-8")))
         for page in (root / "README.md", *sorted(docs.rglob("*.md")))
     }
     records = [page for page in words if page.is_relative_to(docs / "design")]

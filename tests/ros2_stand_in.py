@@ -6,6 +6,9 @@ A message is delivered when a node is spun, as with rclpy. Time is that of the t
 
 import sys
 from collections import defaultdict, deque
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 
@@ -44,11 +47,52 @@ Point = message(x=0.0, y=0.0, z=0.0)
 Pose = message(position=Point)
 PoseWithCovariance = message(pose=Pose)
 Odometry = message(header=Header, child_frame_id="", pose=PoseWithCovariance)
-Range = message(
-    header=Header, radiation_type=0, field_of_view=0.0, min_range=0.0, max_range=0.0, range=0.0
-)
-Range.ULTRASOUND = 0
-Trigger = SimpleNamespace(Request=message(), Response=message(success=False, message=""))
+FloatingPointRange = message(from_value=0.0, to_value=0.0, step=0.0)
+ParameterDescriptor = message(description="", read_only=False, floating_point_range=list)
+
+
+def own_message(text):
+    """Class of a message from its definition in `ros2`; constants are attributes."""
+    kinds = {"string": "", "uint8": 0, "bool": False, "float64": 0.0}
+    kinds |= {"std_msgs/Header": Header, "builtin_interfaces/Time": Stamp, "AcousticRange[]": list}
+    constants, defaults = {}, {}
+    for line in text.splitlines():
+        kind, _, rest = line.partition("#")[0].strip().partition(" ")
+        name, _, value = rest.partition("=")
+        if value:
+            constants[name] = int(value)
+        elif kind:
+            defaults[name.strip()] = kinds[kind]
+    made = message(**defaults)
+    for name, value in constants.items():
+        setattr(made, name, value)
+    return made
+
+
+MESSAGES = Path(__file__).parents[1] / "ros2" / "mantaray_ros_msgs"
+AcousticRange = own_message((MESSAGES / "msg" / "AcousticRange.msg").read_text())
+Ping = own_message((MESSAGES / "msg" / "Ping.msg").read_text())
+REQUEST, RESPONSE = (MESSAGES / "srv" / "GetRanges.srv").read_text().split("---\n")
+GetRanges = SimpleNamespace(Request=own_message(REQUEST), Response=own_message(RESPONSE))
+
+
+class ParameterException(Exception):  # noqa: N818
+    """The name that rclpy gives it."""
+
+
+class ReliabilityPolicy(Enum):
+    """Those that the node names."""
+
+    RELIABLE = 1
+    BEST_EFFORT = 2
+
+
+@dataclass(frozen=True)
+class QoSProfile:
+    """The part that decides whether a subscription gets what a publisher sends."""
+
+    depth: int
+    reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE
 
 
 class Network:
@@ -57,7 +101,7 @@ class Network:
     def __init__(self):
         self.subscribers, self.services = defaultdict(list), {}
         self.queues, self.parameters, self.now = {}, {}, 0
-        self.timers, self.log = [], []
+        self.timers, self.log, self.descriptors = [], [], {}
 
 
 NETWORK = Network()
@@ -68,27 +112,29 @@ class Node:
 
     def __init__(self, name, **_):
         self.name = name
-        self._values = {}
         NETWORK.queues[self] = deque()
 
-    def declare_parameter(self, name, default):
-        self._values[name] = NETWORK.parameters.get(name, default)
+    def declare_parameter(self, name, default, descriptor):
+        value = NETWORK.parameters.get(name, default)
+        for limits in descriptor.floating_point_range:
+            if not limits.from_value <= value <= limits.to_value:
+                raise ParameterException(f"{name} is {value}, which is out of range")
+        NETWORK.descriptors[name] = descriptor
+        return SimpleNamespace(value=value)
 
-    def get_parameter(self, name):
-        return SimpleNamespace(value=self._values[name])
-
-    def create_publisher(self, _kind, topic, _depth):
+    def create_publisher(self, _kind, topic, quality, **_):
         def publish(content):
-            for node, callback in NETWORK.subscribers[topic.strip("/")]:
-                NETWORK.queues[node].append((callback, content))
+            for node, callback, asked in NETWORK.subscribers[topic.strip("/")]:
+                if asked.reliability.value >= quality.reliability.value:
+                    NETWORK.queues[node].append((callback, content))
 
         return SimpleNamespace(publish=publish)
 
-    def create_subscription(self, _kind, topic, callback, _depth):
-        NETWORK.subscribers[topic.strip("/")].append((self, callback))
+    def create_subscription(self, _kind, topic, callback, quality, **_):
+        NETWORK.subscribers[topic.strip("/")].append((self, callback, quality))
 
     def create_service(self, kind, name, callback):
-        NETWORK.services[name.strip("/")] = lambda: callback(kind.Request(), kind.Response())
+        NETWORK.services[name.strip("/")] = lambda request: callback(request, kind.Response())
 
     def create_timer(self, interval, callback):
         NETWORK.timers.append((interval, callback))
@@ -114,22 +160,29 @@ def install(monkeypatch):
     NETWORK.__init__()
     modules = {
         "rclpy": {},
+        "rclpy.exceptions": {"ParameterException": ParameterException},
         "rclpy.executors": {"ExternalShutdownException": KeyboardInterrupt},
         "rclpy.node": {"Node": Node},
+        "rclpy.qos": {"QoSProfile": QoSProfile, "ReliabilityPolicy": ReliabilityPolicy},
+        "rclpy.qos_overriding_options": {
+            "QoSOverridingOptions": SimpleNamespace(with_default_policies=lambda: None)
+        },
         "rclpy.time": {"Time": Time},
+        "rcl_interfaces": {},
+        "rcl_interfaces.msg": {
+            "FloatingPointRange": FloatingPointRange,
+            "ParameterDescriptor": ParameterDescriptor,
+        },
         "nav_msgs": {},
         "nav_msgs.msg": {"Odometry": Odometry},
-        "sensor_msgs": {},
-        "sensor_msgs.msg": {"Range": Range},
-        "std_msgs": {},
-        "std_msgs.msg": {"Header": Header},
-        "std_srvs": {},
-        "std_srvs.srv": {"Trigger": Trigger},
+        "mantaray_ros_msgs": {},
+        "mantaray_ros_msgs.msg": {"AcousticRange": AcousticRange, "Ping": Ping},
+        "mantaray_ros_msgs.srv": {"GetRanges": GetRanges},
     }
     for name, content in modules.items():
         module = ModuleType(name)
         vars(module).update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    for name in [name for name in sys.modules if name.startswith("mantaray_ros")]:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "mantaray_ros"]:
         monkeypatch.delitem(sys.modules, name)
     return NETWORK

@@ -2,8 +2,11 @@
 The check of a release refuses what must not be published, and the recipe agrees with the package.
 """
 
+import importlib.metadata
 import re
 import runpy
+import subprocess
+import sys
 import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
@@ -11,6 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
 from pages import ROOT
 
 yaml = pytest.importorskip("yaml")
@@ -106,6 +110,89 @@ def test_tests_that_read_the_source_tree_are_not_run_on_the_wheel():
     assert [
         name for name in readers if not any(fnmatch(name, p) for p in script["NEED_SOURCE"])
     ] == []
+
+
+def test_the_wheel_is_used_as_documented_without_test_packages():
+    """A study, a survey and the small program of README, by the functions that follow pages."""
+    script = runpy.run_path(str(ROOT / ".ci" / "release_check.py"))
+    text = "".join((ROOT / name).read_text(encoding="utf-8") for name in script["FOLLOWED"])
+    for command in ("mantaray study run", "mantaray rays", "mantaray locate", "find_eigenrays"):
+        assert command in text
+    blocked = "import sys; sys.modules |= dict.fromkeys(('pytest', 'hypothesis'))\n"
+    done = subprocess.run(
+        [sys.executable, "-c", blocked + "import pages"],
+        cwd=ROOT / "tests",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def dependencies():
+    return runpy.run_path(str(ROOT / ".ci" / "dependencies.py"))
+
+
+REFERENCE = ROOT / "docs" / "reference"
+
+
+def test_the_page_of_licences_lists_all_dependencies_and_extras():
+    page = (REFERENCE / "dependencies.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| ([\w-]+) \| [^|]+ \| [\d.]+ \| (.+) \|$", page, re.MULTILINE))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    named = {canonicalize_name(Requirement(text).name) for text in project["dependencies"]}
+    assert named <= set(rows)
+    assert not any("GPL" in licence for licence in rows.values())
+    extras = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert extras == sorted(project["optional-dependencies"])
+    assert "evo: GPL-3.0" in page
+
+
+def test_the_size_of_an_installation_is_that_of_the_page():
+    page = (REFERENCE / "dependencies.md").read_text(encoding="utf-8")
+    sizes = re.findall(r"^\| [\w-]+ \| [^|]+ \| ([\d.]+) \| .+ \|$", page, re.MULTILINE)
+    number, total = re.search(r"brings (\d+) packages: (\d+) MB on disk", page).groups()
+    assert int(number) == len(sizes) - 1  # itself
+    assert abs(sum(map(float, sizes)) - int(total)) < 1.0
+    summary = re.search(r"^`pip install pymantaray` (brings .+)$", page, re.MULTILINE)[1]
+    installing = (REFERENCE / "installing.md").read_text(encoding="utf-8")
+    assert f"The installation {summary}\n" in installing
+
+
+def test_extras_with_a_copyleft_are_marked_where_users_choose_them():
+    page = (REFERENCE / "dependencies.md").read_text(encoding="utf-8")
+    installing = (REFERENCE / "installing.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| .+ \| (.+) \|$", page, re.MULTILINE)
+    strict = {
+        name: found[1] for name, more in rows if (found := re.search(r"((?:GPL|EUPL)\S+\d)", more))
+    }
+    assert set(strict) == {"copernicus", "evo"}
+    for name, licence in strict.items():
+        row = re.search(rf"^\| `{name}` \|.+$", installing, re.MULTILINE)[0]
+        assert f"copyleft ({licence})" in row
+
+
+def test_what_pip_installs_has_no_gpl(dependencies):
+    base = dependencies["closure"]()
+    assert {"numpy", "gtsam", "llvmlite", "pydantic-core"} <= base
+    assert not [name for name in base if dependencies["GPL"].search(dependencies["licence"](name))]
+
+
+def test_copyleft_of_an_extra_is_found(dependencies):
+    """By classifier, by expression, and the weak one of the Mozilla foundation."""
+    licences = {"evo": "GPL-3.0", "copernicusmarine": "EUPL-1.2", "certifi": "MPL-2.0"}
+    for name, licence in licences.items():
+        try:
+            importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            pytest.skip(f"needs {name}")
+        assert dependencies["licence"](name) == licence
+        assert dependencies["copyleft"](name)
+    assert "evo" in dependencies["closure"]("evo") - dependencies["closure"]()
+    strict = dependencies["GPL"].search
+    assert all(map(strict, ("GPL-3.0", "AGPL-3.0", "GNU General Public License v2")))
+    assert not any(map(strict, ("LGPL", "GNU Lesser General Public License", "EUPL-1.2")))
 
 
 def test_what_is_published_was_checked():

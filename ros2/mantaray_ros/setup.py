@@ -14,6 +14,7 @@ setup(
         (f"share/{NAME}/launch", ["launch/ranging.launch.py"]),
     ],
     install_requires=["setuptools", "pymantaray"],
+    extras_require={"test": ["pytest"]},
     zip_safe=True,
     author="The MantaRay developers",
     description="Acoustic ranges with refraction between the vehicles of a simulator, by MantaRay.",

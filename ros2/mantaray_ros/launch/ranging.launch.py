@@ -4,14 +4,9 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from mantaray_ros.parameters import PARAMETERS
 
-ARGUMENTS = {
-    "vehicles": ("[A, B, C]", "Names of the vehicles."),
-    "ocean": ("['synthetic:beaufort']", "Ocean files, a cast, a synthetic ocean or a TOML file."),
-    "slot": ("0.0", "Interval after which the next vehicle pings; 0: none by itself. [s]"),
-    "time_origin": ("0.0", "Stamp at which the ocean begins, if it varies. [s]"),
-    "use_sim_time": ("true", "Use the simulator's clock."),
-}
+ARGUMENTS = PARAMETERS | {"use_sim_time": (True, "Use the simulator's clock.")}
 
 
 def generate_launch_description():
@@ -19,8 +14,8 @@ def generate_launch_description():
     return LaunchDescription(
         [
             *(
-                DeclareLaunchArgument(name, default_value=value, description=words)
-                for name, (value, words) in ARGUMENTS.items()
+                DeclareLaunchArgument(name, default_value=str(value), description=meaning)
+                for name, (value, meaning) in ARGUMENTS.items()
             ),
             Node(
                 package="mantaray_ros",

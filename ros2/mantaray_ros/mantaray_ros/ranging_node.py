@@ -4,27 +4,34 @@ Node that answers pings between vehicles with refracted ranges, beside the true 
 The README of the package lists topics, services and parameters.
 """
 
-import json
+import copy
 import math
 import re
 from itertools import cycle
 
 import rclpy
+from mantaray_ros_msgs.msg import AcousticRange, Ping
+from mantaray_ros_msgs.srv import GetRanges
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
-from sensor_msgs.msg import Range
-from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
+from mantaray_ros.parameters import PARAMETERS
 from mantaray_ros.tracks import Tracks
 from pymantaray import MantaRayError
 from pymantaray.apps.service import RangingService
-from pymantaray.records import RayStatus
 
-DEPTH = 100  # messages in a queue
 MAX_WAITING = 1000  # pings
+# As REP 2003 says: a sensor publishes reliably, and whoever reads sensor data takes what comes.
+# 100 poses or pings wait while a ping is computed.
+PUBLISHED = QoSProfile(depth=100)
+POSES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+LIMITS = {"slot": FloatingPointRange(from_value=0.0, to_value=1e6)}
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -33,40 +40,51 @@ class RangingNode(Node):
 
     def __init__(self, **options):
         super().__init__("mantaray_ranging", **options)
-        self.declare_parameter("vehicles", ["A", "B"])
-        self.declare_parameter("ocean", ["synthetic:beaufort"])
-        self.declare_parameter("slot", 0.0)
-        self.declare_parameter("time_origin", 0.0)
-        vehicles = list(self.get_parameter("vehicles").value)
+        vehicles, ocean, slot, origin = map(self._parameter, PARAMETERS)
         if len(set(vehicles)) != len(vehicles) or not all(map(_TOKEN.fullmatch, vehicles)):
             raise MantaRayError(
                 f"vehicles is {vehicles}; names must differ and have letters, digits and _ only"
             )
-        origin, slot = (self.get_parameter(name).value for name in ("time_origin", "slot"))
-        if not (vehicles and math.isfinite(origin) and math.isfinite(slot)):
+        if not (vehicles and math.isfinite(origin)):
             raise MantaRayError(
-                f"vehicles is {vehicles}, time_origin {origin} and slot {slot}; at least one"
-                " vehicle and finite times are needed"
+                f"vehicles is {vehicles} and time_origin {origin}; at least one vehicle and a"
+                " finite time are needed"
             )
         self._origin = round(origin * 1e9)
-        self._ranging = RangingService(list(self.get_parameter("ocean").value))
+        self._ranging = RangingService(list(ocean))
         self._tracks = Tracks(vehicles)
         self._waiting = []
+        self._bodies = {}
+        self._worlds = {}
         self._measured = {}
         self._true = {}
+        quality = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
         for name in vehicles:
-            self._measured[name] = self.create_publisher(Range, f"{name}/range", DEPTH)
-            self._true[name] = self.create_publisher(Range, f"{name}/range_truth", DEPTH)
+            for publishers, topic in ((self._measured, "range"), (self._true, "range_truth")):
+                publishers[name] = self.create_publisher(
+                    AcousticRange, f"{name}/{topic}", PUBLISHED, **quality
+                )
             self.create_subscription(
-                Odometry, f"{name}/odom", lambda pose, name=name: self._moved(name, pose), DEPTH
+                Odometry,
+                f"{name}/odom",
+                lambda pose, name=name: self._moved(name, pose),
+                POSES,
+                **quality,
             )
-            self.create_service(
-                Trigger, f"{name}/ping", lambda _, reply, name=name: self._asked(name, reply)
-            )
-        self.create_subscription(Header, "ping", self._pinged, DEPTH)
+        self.create_subscription(Ping, "ping", self._pinged, PUBLISHED, **quality)
+        self.create_service(GetRanges, "get_ranges", self._asked)
         if slot > 0.0:
             turns = cycle(vehicles)
             self.create_timer(slot, lambda: self._wait(self._now(), next(turns)))
+
+    def _parameter(self, name):
+        """Declare a parameter, which holds until the node ends; its value."""
+        default, description = PARAMETERS[name]
+        limits = [LIMITS[name]] if name in LIMITS else []
+        descriptor = ParameterDescriptor(
+            description=description, read_only=True, floating_point_range=limits
+        )
+        return self.declare_parameter(name, default, descriptor).value
 
     def _now(self):
         return self.get_clock().now().nanoseconds
@@ -80,25 +98,44 @@ class RangingNode(Node):
         if not all(map(math.isfinite, (place.x, place.y, place.z))):
             self.get_logger().warning(f"pose of {name} at {stamp * 1e-9:g} s is not finite")
             return
+        self._note_frames(name, pose)
         self._tracks.add(name, stamp, (place.y, place.x, -place.z))
         self._answer()
 
-    def _stamp(self, header, what):
-        """Stamp of a message [ns]; None with a warning for one before 1970."""
+    def _note_frames(self, name, pose):
+        """Keep the frame of a vehicle; warn once if its poses are in another frame than others."""
+        self._bodies[name] = pose.child_frame_id or f"{name}/base_link"
+        if name in self._worlds:
+            return
+        self._worlds[name] = pose.header.frame_id
+        first, world = next(iter(self._worlds.items()))
+        if world != pose.header.frame_id:
+            self.get_logger().warning(
+                f"poses of {name} are in frame {pose.header.frame_id!r}, those of {first} in"
+                f" {world!r}; the node takes both as one frame"
+            )
+
+    def _stamp(self, message, what):
+        """Stamp of a header or ping [ns]; None with a warning for one before 1970."""
         try:
-            return Time.from_msg(header.stamp).nanoseconds
+            return Time.from_msg(message.stamp).nanoseconds
         except ValueError as error:
             self.get_logger().warning(f"{what}: {error}")
             return None
 
+    def _unknown(self, transmitter):
+        """What is wrong with the name of a transmitter; None if it is a vehicle."""
+        if transmitter in self._measured:
+            return None
+        return f"ping of unknown vehicle {transmitter!r}; known: {', '.join(self._measured)}"
+
     def _pinged(self, ping):
-        if ping.frame_id not in self._measured:
-            known = ", ".join(self._measured)
-            self.get_logger().warning(f"ping of unknown vehicle {ping.frame_id!r}; known: {known}")
+        if unknown := self._unknown(ping.transmitter):
+            self.get_logger().warning(unknown)
             return
-        stamp = self._stamp(ping, f"ping of {ping.frame_id}")
+        stamp = self._stamp(ping, f"ping of {ping.transmitter}")
         if stamp is not None:
-            self._wait(stamp, ping.frame_id)
+            self._wait(stamp, ping.transmitter)
 
     def _wait(self, stamp, transmitter):
         """Answer a ping when all poses of its time are there: topics have no common order."""
@@ -123,57 +160,46 @@ class RangingNode(Node):
             except (MantaRayError, ValueError) as error:
                 self.get_logger().error(f"ping of {transmitter}: {error}")
 
-    def _asked(self, transmitter, reply):
+    def _asked(self, request, reply):
         """Ping at the latest time for which all poses are there."""
         latest = self._tracks.latest()
-        if latest is None:
+        reply.message = self._unknown(request.transmitter) or ""
+        if not reply.message and latest is None:
             reply.message = f"no pose yet of {', '.join(self._tracks.missing())}"
+        if reply.message:
             return reply
         try:
-            reply.message = json.dumps(self._range(latest, transmitter), allow_nan=False)
-            reply.success = True
+            reply.ranges, reply.straight = self._range(latest, request.transmitter)
         except (MantaRayError, ValueError) as error:
             reply.message = str(error)
+            return reply
+        reply.stamp = Time(nanoseconds=latest).to_msg()
+        reply.success = True
         return reply
 
     def _range(self, stamp, transmitter):
-        """Publish the ranges of a ping, and return them as in the answers of `mantaray serve`."""
+        """Publish the ranges of a ping, and return them, refracted and straight."""
         places = self._tracks.at(stamp)
         source = places.pop(transmitter)
         time = (stamp - self._origin) * 1e-9
         ping = self._ranging.ping(time, source, list(places.values()))
-        rows = []
+        measured, true = [], []
         for k, receiver in enumerate(places):
-            delay = float(ping.arrival_time[k]) - time
-            heard = math.isfinite(delay)
-            arrival = stamp + round(delay * 1e9) if heard else stamp
-            value = float(ping.refracted_range[k]) if heard else math.inf
-            straight = float(ping.straight_range[k])
-            self._measured[receiver].publish(_message(transmitter, arrival, value))
-            self._true[receiver].publish(_message(transmitter, arrival, straight))
-            rows.append(
-                {
-                    "name": receiver,
-                    "status": RayStatus(ping.status[k]).name.lower(),
-                    "arrival_time": arrival * 1e-9 if heard else None,
-                    "refracted_range": value if heard else None,
-                    "straight_range": straight,
-                }
-            )
-        return {"time": stamp * 1e-9, "source": transmitter, "receivers": rows}
-
-
-def _message(transmitter, stamp, value):
-    """Range [m] at a stamp [ns]; the transmitter is its frame."""
-    message = Range()
-    message.header.stamp = Time(nanoseconds=stamp).to_msg()
-    message.header.frame_id = transmitter
-    message.radiation_type = Range.ULTRASOUND
-    message.field_of_view = 2.0 * math.pi
-    message.min_range = 0.0
-    message.max_range = math.inf
-    message.range = value
-    return message
+            message = AcousticRange(transmitter=transmitter, receiver=receiver)
+            message.header.frame_id = self._bodies[receiver]
+            message.status = int(ping.status[k])
+            message.travel_time = float(ping.arrival_time[k]) - time
+            heard = math.isfinite(message.travel_time)
+            arrival = stamp + round(message.travel_time * 1e9) if heard else stamp
+            message.header.stamp = Time(nanoseconds=arrival).to_msg()
+            message.range = float(ping.refracted_range[k]) if heard else math.inf
+            straight = copy.deepcopy(message)
+            straight.range = float(ping.straight_range[k])
+            self._measured[receiver].publish(message)
+            self._true[receiver].publish(straight)
+            measured.append(message)
+            true.append(straight)
+        return measured, true
 
 
 def main(arguments=None):
@@ -181,7 +207,7 @@ def main(arguments=None):
     rclpy.init(args=arguments)
     try:
         rclpy.spin(RangingNode())
-    except MantaRayError as error:
+    except (MantaRayError, ParameterException) as error:
         raise SystemExit(f"error: {error}") from None
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -4,11 +4,11 @@ else over a stand-in for the transport.
 """
 
 import importlib
-import json
 import math
 import re
 import runpy
 import time
+from types import ModuleType
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -22,11 +22,12 @@ from pymantaray import MantaRayError
 from pymantaray.acoustics import Medium
 from pymantaray.apps.service import RangingService
 from pymantaray.config.door.water import open_water
+from pymantaray.records import RayStatus
 
 PACKAGE = ROOT / "ros2" / "mantaray_ros"
+MESSAGES = ROOT / "ros2" / "mantaray_ros_msgs"
 PROFILE = "depth,sound_speed\n0,1440\n100,1436\n400,1452\n1000,1465\n"
 OCEAN = '[ocean]\nsource = "profile.csv"\nbathymetry = 1000.0\n'
-FLOAT32 = 1e-7  # relative
 
 
 @pytest.fixture
@@ -53,18 +54,23 @@ class StandIn:
         for name in vehicles:
             for topic in (f"{name}/range", f"{name}/range_truth"):
                 self.probe.create_subscription(
-                    self.kinds.Range, topic, lambda m, t=topic: self.ranges.append((t, m)), 100
+                    self.kinds.AcousticRange,
+                    topic,
+                    lambda m, t=topic: self.ranges.append((t, m)),
+                    self.kinds.QoSProfile(depth=100),
                 )
 
     def publish(self, kind, topic, content):
-        self.probe.create_publisher(kind, topic, 100).publish(content)
+        quality = self.kinds.QoSProfile(depth=100)
+        self.probe.create_publisher(kind, topic, quality).publish(content)
         self.spin(0)
 
     def spin(self, _count):
         stand_in.spin()
 
-    def call(self, name):
-        return self.network.services[name]()
+    def call(self, transmitter):
+        request = stand_in.GetRanges.Request(transmitter=transmitter)
+        return self.network.services["get_ranges"](request)
 
     def close(self):
         """Nothing runs behind."""
@@ -79,7 +85,10 @@ class Ros:
 
     def __init__(self, monkeypatch, parameters):
         rclpy = pytest.importorskip("rclpy")
-        for name in [name for name in importlib.sys.modules if name.startswith("mantaray_ros")]:
+        pytest.importorskip("mantaray_ros_msgs", reason="build ros2/mantaray_ros_msgs with colcon")
+        for name in [
+            name for name in importlib.sys.modules if name.partition(".")[0] == "mantaray_ros"
+        ]:
             monkeypatch.delitem(importlib.sys.modules, name)
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self.kinds = importlib.import_module("mantaray_ros.ranging_node")
@@ -98,7 +107,7 @@ class Ros:
         StandIn.listen(self, self.vehicles)
         for name in self.vehicles:
             self.publisher(self.kinds.Odometry, f"{name}/odom")
-        self.publisher(self.kinds.Header, "ping")
+        self.publisher(self.kinds.Ping, "ping")
         self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
         topics = [f"{name}/{kind}" for name in self.vehicles for kind in ("range", "range_truth")]
         self.until(lambda: all(self.node.count_subscribers(topic) for topic in topics))
@@ -126,10 +135,10 @@ class Ros:
     def spin(self, count):
         self.until(lambda: len(self.ranges) >= count)
 
-    def call(self, name):
-        client = self.probe.create_client(self.kinds.Trigger, name)
+    def call(self, transmitter):
+        client = self.probe.create_client(self.kinds.GetRanges, "get_ranges")
         client.wait_for_service(timeout_sec=10.0)
-        answer = client.call_async(self.kinds.Trigger.Request())
+        answer = client.call_async(self.kinds.GetRanges.Request(transmitter=transmitter))
         self.until(answer.done)
         return answer.result()
 
@@ -155,18 +164,18 @@ def stamp(kinds, seconds):
     return kinds.Time(nanoseconds=round(seconds * 1e9)).to_msg()
 
 
-def move(ros, name, seconds, north, east, down):
+def move(ros, name, seconds, north, east, down, frames=("map", "")):
     pose = ros.kinds.Odometry()
     pose.header.stamp = stamp(ros.kinds, seconds)
+    pose.header.frame_id, pose.child_frame_id = frames
     place = pose.pose.pose.position
     place.x, place.y, place.z = float(east), float(north), float(-down)
     ros.publish(ros.kinds.Odometry, f"{name}/odom", pose)
 
 
 def ping(ros, name, seconds):
-    header = ros.kinds.Header()
-    header.stamp, header.frame_id = stamp(ros.kinds, seconds), name
-    ros.publish(ros.kinds.Header, "ping", header)
+    content = ros.kinds.Ping(stamp=stamp(ros.kinds, seconds), transmitter=name)
+    ros.publish(ros.kinds.Ping, "ping", content)
 
 
 def test_the_node_answers_with_the_ranges_of_the_service(start, sea):
@@ -174,9 +183,9 @@ def test_the_node_answers_with_the_ranges_of_the_service(start, sea):
     ros = start(vehicles=["A", "B", "C"], ocean=[str(sea)])
     ping(ros, "A", 1012.5)
     move(ros, "A", 1010.0, 0.0, 0.0, 50.0)
-    move(ros, "B", 1013.0, 1500.0, -400.0, 120.0)
+    move(ros, "B", 1013.0, 1500.0, -400.0, 120.0, frames=("map", "B/transducer"))
     move(ros, "C", 1013.0, 900.0, 300.0, 5000.0)
-    move(ros, "B", 1012.0, 1500.0, -400.0, 120.0)
+    move(ros, "B", 1012.0, 1500.0, -400.0, 120.0, frames=("map", "B/transducer"))
     move(ros, "C", 1012.0, 900.0, 300.0, 5000.0)
     assert ros.ranges == []  # A may still move
     move(ros, "A", 1015.0, 10.0, 0.0, 50.0)
@@ -185,45 +194,47 @@ def test_the_node_answers_with_the_ranges_of_the_service(start, sea):
         expected = service.ping(0.0, (5.0, 0.0, 50.0), [(1500, -400, 120), (900, 300, 5000)])
     found = dict(ros.ranges)
     assert len(ros.ranges) == len(found) == 4
-    for message in found.values():
-        assert message.header.frame_id == "A"
-        assert (message.radiation_type, message.min_range) == (0, 0.0)
-        assert message.max_range == math.inf
+    for topic, message in found.items():
+        receiver = topic[0]
+        assert (message.transmitter, message.receiver) == ("A", receiver)
+        assert message.header.frame_id == {"B": "B/transducer", "C": "C/base_link"}[receiver]
     heard = found["B/range"]
-    assert heard.range == pytest.approx(expected.refracted_range[0], rel=FLOAT32)
+    assert heard.status == heard.OK
+    assert heard.range == expected.refracted_range[0]
+    assert heard.travel_time == pytest.approx(expected.arrival_time[0], abs=1e-12)
     arrival = heard.header.stamp.sec + 1e-9 * heard.header.stamp.nanosec
     assert arrival == pytest.approx(1012.5 + expected.arrival_time[0], abs=2e-9 + 1e-12 * arrival)
     truth = found["B/range_truth"]
-    assert truth.range == pytest.approx(math.dist((5, 0, 50), (1500, -400, 120)), rel=FLOAT32)
+    assert truth.range == pytest.approx(math.dist((5, 0, 50), (1500, -400, 120)), rel=1e-12)
     assert truth.header.stamp.nanosec == heard.header.stamp.nanosec
     lost = found["C/range"]
-    assert lost.range == math.inf
+    assert (lost.range, lost.status) == (math.inf, lost.OUTSIDE)
+    assert math.isnan(lost.travel_time)
     assert (lost.header.stamp.sec, lost.header.stamp.nanosec) == (1012, 500_000_000)
     assert found["C/range_truth"].range == pytest.approx(math.dist((5, 0, 50), (900, 300, 5000)))
 
 
-def test_a_service_of_each_vehicle_pings_at_once(start, sea):
+def test_a_service_pings_at_once_from_any_vehicle(start, sea):
     ros = start(vehicles=["A", "B"], ocean=[str(sea)])
-    early = ros.call("A/ping")
+    early = ros.call("A")
     assert not early.success
     assert early.message == "no pose yet of A, B"
+    assert ros.call("Z").message == "ping of unknown vehicle 'Z'; known: A, B"
     move(ros, "A", 5.0, 0.0, 0.0, 50.0)
     move(ros, "B", 4.0, 0.0, 0.0, 80.0)
     move(ros, "B", 6.0, 0.0, 800.0, 80.0)
     ros.spin(0)
-    late = ros.call("A/ping")
+    late = ros.call("A")
     while not late.success:  # poses may still be on their way
-        late = ros.call("A/ping")
-    answer = json.loads(late.message)
-    (row,) = answer["receivers"]
-    assert (answer["time"], answer["source"], row["name"]) == (5.0, "A", "B")
+        late = ros.call("A")
+    ((heard,), (straight,)) = late.ranges, late.straight
+    assert (late.stamp.sec, heard.transmitter, heard.receiver) == (5, "A", "B")
     medium = open_water(sea).medium
     assert isinstance(medium, Medium)
-    assert row["straight_range"] == pytest.approx(math.hypot(400.0, 30.0))
+    assert straight.range == pytest.approx(math.hypot(400.0, 30.0))
     speed = medium.sound_speed_at([0.0, 0.0, 50.0])[0]
-    flight = row["arrival_time"] - 5.0
-    assert row["refracted_range"] == pytest.approx(speed * flight, rel=1e-6)
-    assert row["status"] == "ok"
+    assert heard.range == pytest.approx(speed * heard.travel_time, rel=1e-9)
+    assert heard.status == heard.OK
 
 
 def test_what_cannot_be_answered_is_logged_in_one_line(start, sea):
@@ -244,6 +255,38 @@ def test_what_cannot_be_answered_is_logged_in_one_line(start, sea):
     ]
 
 
+def test_the_node_warns_once_of_poses_in_several_frames(start, sea):
+    ros = start(vehicles=["A", "B"], ocean=[str(sea)])
+    for seconds in (1.0, 2.0):
+        move(ros, "A", seconds, 0.0, 0.0, 50.0, frames=("A/odom", "A/base_link"))
+    for seconds in (1.0, 2.0):
+        move(ros, "B", seconds, 0.0, 900.0, 50.0, frames=("B/odom", "B/base_link"))
+    ros.spin(0) if isinstance(ros, StandIn) else ros.until(lambda: len(ros.log) == 1)
+    (line,) = ros.log
+    assert "'B/odom'" in line
+    assert "'A/odom'" in line
+
+
+def test_poses_may_be_lost_but_ranges_may_not(start, sea):
+    """REP 2003: publishers of sensor data are reliable, their readers take what comes."""
+    ros = start(vehicles=["A", "B"], ocean=[str(sea)])
+    best_effort = ros.kinds.QoSProfile(depth=5, reliability=ros.kinds.ReliabilityPolicy.BEST_EFFORT)
+    if isinstance(ros, StandIn):
+        qualities = {t: [q for *_, q in e] for t, e in ros.network.subscribers.items()}
+        assert qualities["A/odom"][0].reliability == best_effort.reliability
+        publisher = ros.probe.create_publisher(ros.kinds.Odometry, "A/odom", best_effort)
+        publisher.publish(ros.kinds.Odometry())
+        assert ros.network.queues[ros.node]
+        return
+    reliable = ros.kinds.ReliabilityPolicy.RELIABLE
+    (odometry,) = ros.node.get_subscriptions_info_by_topic("/A/odom")
+    assert odometry.qos_profile.reliability == best_effort.reliability
+    (ranges,) = ros.node.get_publishers_info_by_topic("/A/range")
+    assert ranges.qos_profile.reliability == reliable
+    name = "qos_overrides./A/odom.subscription.reliability"
+    assert ros.node.get_parameter(name).value == "best_effort"
+
+
 @pytest.fixture
 def stand(monkeypatch):
     monkeypatch.syspath_prepend(str(PACKAGE))
@@ -261,7 +304,7 @@ def test_vehicles_ping_in_turn_in_slots(stand, sea):
         ros.network.now = now * 10**9
         callback()
         stand_in.spin()
-    heard = [(t, m.header.frame_id) for t, m in ros.ranges if t.endswith("/range")]
+    heard = [(t, m.transmitter) for t, m in ros.ranges if t.endswith("/range")]
     assert heard == [("B/range", "A"), ("A/range", "B"), ("B/range", "A")]
 
 
@@ -269,9 +312,20 @@ def test_impossible_parameters_are_refused_in_one_line(stand, sea):
     refused(MantaRayError, "vehicles is", stand, vehicles=["A", "A"], ocean=[str(sea)])
     refused(MantaRayError, "letters, digits", stand, vehicles=["glider-1"], ocean=[str(sea)])
     refused(MantaRayError, "no such file", stand, vehicles=["A"], ocean=["nowhere.nc"])
-    for wrong in ({"vehicles": []}, {"time_origin": math.nan}, {"slot": math.inf}):
+    for wrong in ({"vehicles": []}, {"time_origin": math.nan}):
         parameters = {"vehicles": ["A"], "ocean": [str(sea)]} | wrong
-        refused(MantaRayError, "at least one vehicle and finite times", stand, **parameters)
+        refused(MantaRayError, "at least one vehicle and a finite time", stand, **parameters)
+    for slot in (-1.0, math.inf, math.nan):
+        parameters = {"vehicles": ["A"], "ocean": [str(sea)], "slot": slot}
+        refused(stand_in.ParameterException, "slot", stand, **parameters)
+
+
+def test_every_parameter_is_described_and_read_only(stand, sea):
+    ros = stand(vehicles=["A"], ocean=[str(sea)])
+    assert set(ros.network.descriptors) == {"vehicles", "ocean", "slot", "time_origin"}
+    for descriptor in ros.network.descriptors.values():
+        assert descriptor.read_only
+        assert descriptor.description.endswith((".", "]"))
 
 
 @pytest.mark.parametrize(("seconds", "north", "message"), [
@@ -325,14 +379,46 @@ def test_the_package_is_one_of_ros_with_the_version_of_ours(monkeypatch):
     )
     assert f"def {function}(" in source
     assert module == "mantaray_ros.ranging_node"
-    arguments = runpy_arguments(monkeypatch)
-    assert arguments >= set(re.findall(r'declare_parameter\("(\w+)"', source))
 
 
-def runpy_arguments(monkeypatch):
-    """Arguments of the launch file, whose modules are not imported."""
-    text = (PACKAGE / "launch" / "ranging.launch.py").read_text()
-    return set(re.findall(r'^    "(\w+)": \(', text, re.MULTILINE))
+def test_the_launch_file_has_the_parameters_of_the_node(monkeypatch):
+    """Texts of defaults are YAML, which is what ROS reads."""
+    yaml = pytest.importorskip("yaml")
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    actions = {"DeclareLaunchArgument": lambda name, **more: (name, more), "Node": dict}
+    for name, content in {
+        "launch": {"LaunchDescription": list},
+        "launch.actions": actions,
+        "launch.substitutions": {"LaunchConfiguration": str},
+        "launch_ros": {},
+        "launch_ros.actions": actions,
+    }.items():
+        module = ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(importlib.sys.modules, name, module)
+    script = runpy.run_path(str(PACKAGE / "launch" / "ranging.launch.py"))
+    *declared, node = script["generate_launch_description"]()
+    (given,) = node["parameters"]
+    assert set(given) == {name for name, _ in declared}
+    values = {name: yaml.safe_load(more["default_value"]) for name, more in declared}
+    parameters = importlib.import_module("mantaray_ros.parameters").PARAMETERS
+    assert values == {name: default for name, (default, _) in parameters.items()} | {
+        "use_sim_time": True
+    }
+    assert node["executable"] == "ranging"
+
+
+def test_the_messages_are_a_package_that_builds_all_of_them():
+    root = ET.parse(MESSAGES / "package.xml").getroot()
+    assert root.findtext("version") == pymantaray.__version__
+    assert root.findtext("member_of_group") == "rosidl_interface_packages"
+    listed = set(re.findall(r'"((?:msg|srv)/\w+\.\w+)"', (MESSAGES / "CMakeLists.txt").read_text()))
+    assert listed == {f"{p.parent.name}/{p.name}" for p in MESSAGES.glob("[ms]*/*.[ms]*")}
+
+
+def test_constants_of_the_status_are_those_of_the_library():
+    shown = {s.name: getattr(stand_in.AcousticRange, s.name) for s in RayStatus}
+    assert shown == {s.name: s.value for s in RayStatus}
 
 
 def test_positions_between_poses_are_on_the_line(monkeypatch):
