@@ -1,11 +1,13 @@
 """Every page of the documentation is followed."""
 
+import contextlib
 import doctest
 import importlib
 import re
 import runpy
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -136,19 +138,52 @@ def test_every_figure_has_a_caption_and_commands_that_write_it():
 
 
 SOURCES = sorted(path for path in (ROOT / "src").rglob("*.py") if ">>>" in path.read_text())
+_CONTINUED = re.compile(r"Continues the example of\s+`(pymantaray[.\w]*)`")
 
 
-@pytest.mark.parametrize(
-    "source", SOURCES, ids=lambda path: path.relative_to(ROOT / "src").as_posix()
-)
-def test_examples_in_docstrings_print_what_they_show(source, tmp_path, monkeypatch):
+def run_example(text, names, page_names, place="page", line=0):
+    """Names after an example, which may continue that of a package's page."""
+    if continued := _CONTINUED.search(text):
+        names = names | page_names(continued[1])
+    test = doctest.DocTestParser().get_doctest(text, names, place, None, line)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    runner.run(test, clear_globs=False)
+    assert runner.failures == 0, place
+    return test.globs
+
+
+@pytest.fixture(scope="session")
+def page_names(tmp_path_factory):
+    """Names after the example of a package's page, which runs once for all docstrings."""
+
+    @cache
+    def names(package):
+        with contextlib.chdir(tmp_path_factory.mktemp("page")):
+            return run_example(importlib.import_module(package).__doc__, {}, names, package)
+
+    return names
+
+
+SECONDS = ("apps/atlas/", "apps/sweep/", "apps/study/report", "apps/study/comparison")
+"""Sources whose examples start a process or write a report."""
+
+
+def by_path(source: Path):
+    place = source.relative_to(ROOT / "src").as_posix()
+    is_slow = place.removeprefix("pymantaray/").startswith(SECONDS)
+    return pytest.param(source, id=place, marks=pytest.mark.slow if is_slow else ())
+
+
+@pytest.mark.parametrize("source", [by_path(source) for source in SOURCES])
+def test_examples_in_docstrings_print_what_they_show(source, page_names, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(
-        ".".join(source.relative_to(ROOT / "src").with_suffix("").parts)
-    )
-    done = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    assert done.failed == 0
-    assert done.attempted or "+SKIP" in source.read_text()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    name = ".".join(source.relative_to(ROOT / "src").with_suffix("").parts)
+    module = importlib.import_module(name.removesuffix(".__init__"))
+    tests = [test for test in doctest.DocTestFinder().find(module) if test.examples]
+    assert tests
+    for test in tests:
+        run_example(test.docstring, {**vars(module)}, page_names, test.name, test.lineno or 0)
 
 
 APPLICATIONS = (
