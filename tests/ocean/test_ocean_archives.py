@@ -110,6 +110,14 @@ def test_a_spreadsheet_may_have_commas_and_quoted_labels(tmp_path):
     check_east_west(casts, {(1, 2)})
 
 
+@pytest.mark.parametrize("line", ["a" * 300_000, '"' + "a," * 150_000])
+def test_a_line_that_is_too_long_for_cells_is_refused_in_one_line(tmp_path, line):
+    (tmp_path / "a.csv").write_text(line + "\n1,2,3\n")
+    with pytest.raises(MantaRayError) as error:
+        read_casts(tmp_path / "a.csv")
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     "label",
     [["AB12", "St2"], ["CD34", "St1"], ["CD34", ""], ["", "St2"]],

@@ -81,8 +81,9 @@ def _separator(head: str) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    """Cells of a line; those between commas may be quoted."""
-    cells = next(csv.reader([line]), []) if separator == "," else line.split(separator)
+    """Cells of a line; those between commas may be quoted, unless the line is too long for that."""
+    quoted = separator == "," and '"' in line and len(line) <= csv.field_size_limit()
+    cells = next(csv.reader([line]), []) if quoted else line.split(separator)
     return [cell.strip().strip('"') for cell in cells]
 
 
