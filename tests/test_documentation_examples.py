@@ -1,11 +1,14 @@
 """Every page of the documentation is followed."""
 
+import contextlib
 import doctest
 import importlib
+import inspect
 import re
 import runpy
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,7 @@ from pages import DOCS, MARKS, ROOT, RUNS, agree, blocks_of, compare, follow
 
 from pymantaray.ocean import open_ocean
 
+FOLDERS = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))["FOLDERS"]
 PAGES = sorted(DOCS.rglob("*.md"))
 GALLERY = DOCS / "figures" / "README.md"
 """Followed by `make figures`, into the repository."""
@@ -136,47 +140,172 @@ def test_every_figure_has_a_caption_and_commands_that_write_it():
 
 
 SOURCES = sorted(path for path in (ROOT / "src").rglob("*.py") if ">>>" in path.read_text())
+_CONTINUED = re.compile(r"Continues the example of\s+`(pymantaray[.\w]*)`")
 
 
-@pytest.mark.parametrize(
-    "source", SOURCES, ids=lambda path: path.relative_to(ROOT / "src").as_posix()
-)
-def test_examples_in_docstrings_print_what_they_show(source, tmp_path, monkeypatch):
+def run_example(text, names, page_names, place="page", line=0):
+    """Names after an example, which may continue that of a package's page."""
+    if continued := _CONTINUED.search(text):
+        names = names | page_names(continued[1])
+    test = doctest.DocTestParser().get_doctest(text, names, place, None, line)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    runner.run(test, clear_globs=False)
+    assert runner.failures == 0, place
+    return test.globs
+
+
+@pytest.fixture(scope="session")
+def page_names(tmp_path_factory):
+    """Names after the example of a package's page, which runs once for all docstrings."""
+
+    @cache
+    def names(package):
+        with contextlib.chdir(tmp_path_factory.mktemp("page")):
+            return run_example(importlib.import_module(package).__doc__, {}, names, package)
+
+    return names
+
+
+SECONDS = ("apps/atlas/", "apps/sweep/", "apps/study/report", "apps/study/comparison")
+"""Sources whose examples start a process or write a report."""
+
+
+def by_path(source: Path):
+    place = source.relative_to(ROOT / "src").as_posix()
+    is_slow = place.removeprefix("pymantaray/").startswith(SECONDS)
+    return pytest.param(source, id=place, marks=pytest.mark.slow if is_slow else ())
+
+
+@pytest.mark.parametrize("source", [by_path(source) for source in SOURCES])
+def test_examples_in_docstrings_print_what_they_show(source, page_names, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(
-        ".".join(source.relative_to(ROOT / "src").with_suffix("").parts)
-    )
-    done = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    assert done.failed == 0
-    assert done.attempted or "+SKIP" in source.read_text()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    name = ".".join(source.relative_to(ROOT / "src").with_suffix("").parts)
+    module = importlib.import_module(name.removesuffix(".__init__"))
+    tests = [test for test in doctest.DocTestFinder().find(module) if test.examples]
+    assert tests
+    for test in tests:
+        run_example(test.docstring, {**vars(module)}, page_names, test.name, test.lineno or 0)
 
 
-APPLICATIONS = (
-    *("graphs", "locate", "online", "ranges", "rays", "replay", "service", "sweep", "table"),
-)
-WITHOUT_EXAMPLE = {
-    *("Campaign", "Displacement", "Location", "displacement_between", "locate", "read_campaign"),
-    *("write_location_page", "write_plan_figure", "Replay", "correct_events", "write_replay"),
-    *("SweepResults", "run_sweep", "write_sweep_page"),
+MADE_BY = {
+    "acoustics": {"Leaks": "find_leaks", "RayPaths": "trace_paths", "Tails": "find_tails"},
+    "ocean": {"VerticalModes": "vertical_modes"},
+    "ocean.fetch": {"FetchResult": "fetch_hycom"},
+    "records": {
+        "FirstArrivals": "select",
+        "PoseCovariances": "collect_covariances",
+        "RangingTruth": "Ranging.truth",
+    },
+    "sensing": {
+        "Candidates": "find_candidates",
+        "Links": "Ranging.links",
+        "Ranging": "measure_ranges",
+        "Receptions": "Transmission.receptions",
+        "Transmission": "find_receptions",
+    },
+    "estimation": {
+        "CandidateArrivals": "CandidateModel.candidates",
+        "FactorGraph": "build_graph",
+        "Prediction": "ConstantSpeed.predict",
+        "UnknownsEstimate": "GraphSolution.unknowns",
+    },
+    "evaluation": {"RangeErrors": "range_errors"},
+    "exchange": {"Poses": "Tracks.poses"},
+    "config": {"SoundConfig": "load_sound"},
+    "config.door": {"Study": "build_study"},
+    "apps.locate": {"Displacement": "displacement_between", "Location": "locate"},
+    "apps.plan": {"PlanResults": "search_designs"},
+    "apps.replay": {"Replay": "replay_events"},
+    "apps.study": {"Run": "run_study"},
+    "apps.sweep": {"SweepResults": "run_sweep"},
 }
-"""Names that need a survey, a campaign or finished runs; pages of the documentation show them."""
+"""
+Types that users do not construct, by package, and the function, method or field that returns them.
+"""
+SHOWN_AT = {
+    "acoustics": {"Leakage": "find_leaks"},
+    "sensing": {
+        "OneWay": "TwoWay",
+        "ReceptionOptions": "find_receptions",
+        "Schedule": "PingSchedule",
+    },
+    "estimation": {
+        "ClockPrior": "Estimator",
+        "MixtureOptions": "CandidateModel",
+        "RangeEndpoints": "ConstantSpeed",
+    },
+    "records": {"SharedUnknowns": "unknowns_table"},
+    "apps.locate": {"Campaign": "displacement_between"},
+    "apps.plan": {"PlanSection": "DeploymentPlan"},
+}
+"""Options and base classes, by package, and the name whose example shows them."""
+NOT_RUN = {
+    "fetch_hycom": "needs a server",
+    "fetch_copernicus": "needs an account",
+    "compare_with_bellhop": "needs Bellhop",
+}
+"""Names whose examples do not run, and why."""
 
 
-@pytest.mark.parametrize("package", ["", *(f".apps.{name}" for name in APPLICATIONS)])
-def test_public_names_have_an_example_that_runs(package):
-    """The test above runs them."""
-    module = importlib.import_module(f"pymantaray{package}")
-    things = {name: getattr(module, name) for name in module.__all__}
-    texts = {
-        name: "".join(
-            getattr(part, "__doc__", None) or ""
-            for part in (thing, *(vars(thing).values() if isinstance(thing, type) else ()))
-        )
-        for name, thing in things.items()
-        if callable(thing)
+def public_things():
+    """Functions and types that packages of the reference export, by name."""
+    return {
+        name: thing
+        for folder in ("", *FOLDERS)
+        for name, thing in vars_of(folder).items()
+        if inspect.isclass(thing) or inspect.isroutine(thing)
     }
-    lacking = {name for name, text in texts.items() if ">>>" not in text}
-    assert lacking <= WITHOUT_EXAMPLE, sorted(lacking - WITHOUT_EXAMPLE)
+
+
+def vars_of(folder):
+    module = importlib.import_module(f"pymantaray.{folder}".rstrip("."))
+    return {name: getattr(module, name) for name in module.__all__}
+
+
+def example_of(thing):
+    """Docstrings of a function, or of a type and its members, if they have an example."""
+    members = vars(thing).values() if inspect.isclass(thing) else ()
+    parts = [getattr(part, "__doc__", None) or "" for part in (thing, *members)]
+    return "".join(part for part in parts if ">>>" in part)
+
+
+def returned_by(maker):
+    """Annotation of what a function or method returns, or of a field."""
+    name, _, member = maker.partition(".")
+    thing = public_things()[name]
+    if member:
+        found = inspect.getattr_static(thing, member, None)
+        found = getattr(found, "fget", None) or getattr(found, "func", found)
+        if not inspect.isroutine(found):
+            return str(thing.__annotations__[member])
+        thing = found
+    return str(inspect.signature(thing).return_annotation)
+
+
+@pytest.mark.parametrize("folder", ["", *FOLDERS])
+def test_every_public_name_has_an_example_that_runs(folder):
+    """
+    The test above runs them. Constants and annotations need none; each other name has its own, is
+    made by a name that has one, or is in that of another.
+    """
+    things = public_things()
+    made, shown = MADE_BY.get(folder, {}), SHOWN_AT.get(folder, {})
+    lacking = {
+        name
+        for name, thing in vars_of(folder).items()
+        if thing is things.get(name) and not example_of(thing)
+    }
+    assert lacking == made.keys() | shown.keys()
+    for name in vars_of(folder).keys() & things.keys():
+        assert ("+SKIP" in example_of(things[name])) == (name in NOT_RUN), name
+    for name, maker in made.items():
+        assert re.search(rf"\b{name}\b", returned_by(maker)), name
+        owner = maker.partition(".")[0]
+        assert example_of(things[owner]) or any(owner in names for names in MADE_BY.values()), name
+    for name, other in shown.items():
+        is_base = things[name] in getattr(things[other], "__mro__", ())
+        assert is_base or re.search(rf"\b{name}\b", example_of(things[other])), name
 
 
 @pytest.mark.slow

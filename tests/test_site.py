@@ -121,6 +121,20 @@ def test_names_of_quantities_lead_to_the_nomenclature(pages):
     assert {"sound_speed", "travel_time", "range_sigma", "odometry_..._fraction"} <= seen
 
 
+def test_a_continued_example_leads_to_that_of_its_package(pages):
+    continued = [
+        (posixpath.normpath(posixpath.join(posixpath.dirname(page), link["href"])), link.get_text())
+        for page, (article, _) in pages.items()
+        for words in article.select("p")
+        if words.get_text().startswith("Continues the example of")
+        for link in words.select("a")
+    ]
+    assert len(continued) > 80
+    for place, package in continued:
+        assert place == f"reference/api/{package.removeprefix('pymantaray.')}.html"
+        assert ">>> " in pages[place][0].get_text(), package
+
+
 def test_words_of_the_glossary_show_their_meaning(pages):
     """The first occurrence on a page links to the entry; the tooltip is the text of that entry."""
     glossary, anchors = pages["reference/glossary.html"]

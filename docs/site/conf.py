@@ -134,11 +134,15 @@ def describe_data(_app, what, name, _obj, _options, lines):
 def resolve(app, env, node, contnode):
     """
     Link a name to what is documented under it, whichever module the docstring or annotation has it
-    from.
+    from, and a package to its page.
     """
     if node.get("refdomain") != "py":
         return None
     target = node["reftarget"].lstrip("~.").removesuffix("()")
+    folder = target.removeprefix("pymantaray.")
+    if folder != target and folder in FOLDERS:
+        page = f"reference/api/{folder}"
+        return make_refnode(app.builder, node["refdoc"], page, "", contnode, target)
     objects = env.domains["py"].objects
     ends = [name for name in objects if name == target or name.endswith(f".{target}")]
     last = target.rpartition(".")[2]

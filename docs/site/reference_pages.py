@@ -506,6 +506,7 @@ def interface() -> dict[str, str]:
         module = importlib.import_module(name)
         doc = (module.__doc__ or "").strip()
         page = f"reference/api/{folder or 'pymantaray'}.md"
+        doc, _, example = doc.partition("\n\nExamples\n--------\n")
         first, _, rest = doc.partition("\n\n")
         members = [
             m for m in module.__all__ if not folder or id(getattr(module, m)) not in described
@@ -515,7 +516,7 @@ def interface() -> dict[str, str]:
         listing = "\n".join(f"   {name}.{member}" for member in members)
         target = "   :toctree: generated\n" if folder else ""
         pages[page] = (
-            f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n```{{eval-rst}}\n.."
+            f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n{shown(example)}```{{eval-rst}}\n.."
             f" autosummary::\n{target}"
             f"   :nosignatures:\n\n{listing}\n```\n"
         )
@@ -535,6 +536,15 @@ def interface() -> dict[str, str]:
         + toctree([page.removeprefix("reference/api/").removesuffix(".md") for page in pages])
     )
     return {"reference/api/index.md": index, **pages}
+
+
+def shown(example: str) -> str:
+    """Example of a folder as Markdown: text, and code with what it prints; empty without one."""
+    parts = [part for part in example.strip().split("\n\n") if part]
+    return "".join(
+        f"```pycon\n{part}\n```\n\n" if part.startswith(">>>") else f"{text(part)}\n\n"
+        for part in parts
+    )
 
 
 def toctree(entries: list[str], option: str = "hidden") -> str:

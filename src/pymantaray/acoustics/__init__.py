@@ -1,6 +1,17 @@
 """
 Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and
 detection.
+
+Examples
+--------
+>>> import numpy as np
+>>> from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
+>>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+>>> source, receiver = [0.0, 0.0, 50.0], [3000.0, 0.0, 400.0]
+>>> arrivals = find_eigenrays(medium, source, receiver, max_surface_bounces=1)
+>>> paths = trace_paths(medium, source, receiver, arrivals)
+>>> print(arrivals.travel_time.round(4), arrivals.surface_bounces)
+[2.0659 2.0774] [0 1]
 """
 
 from typing import TYPE_CHECKING

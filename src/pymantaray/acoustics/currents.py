@@ -34,6 +34,12 @@ class Currents:
         Strictly increasing axes; a current does not vary along an axis with one point. [m]
     velocity : ndarray, shape (n_north, n_east, n_depth, 2)
         Northward and eastward components. [m/s]
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import Currents
+    >>> print(Currents.uniform(0.3, 0.0).at([[0.0, 0.0, 100.0]]))
+    [[0.3 0.  0. ]]
     """
 
     north: Array
@@ -144,6 +150,15 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
     :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray in water at
     rest. The theory page on timing has the derivation and lists the neglected terms. Reflections do
     not contribute, because water moves along a boundary.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import Currents, current_delays, quadrature
+    >>> delays = current_delays(quadrature(paths), Currents.uniform(0.3, 0.0), arrivals.link.size)
+    >>> print((1e6 * delays).round(), "us")
+    [-421. -422.] us
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)

@@ -68,6 +68,16 @@ def trace_paths(
     ------
     AcousticsError
         If the positions do not match the arrivals, or a ray ends early.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import trace_paths
+    >>> paths = trace_paths(medium, source, receiver, arrivals)
+    >>> print(paths.position[paths.boundary == 1].round(1))
+    [[276.5   0.    0. ]
+     [276.5   0.    0. ]]
     """
     from pymantaray.acoustics._kernels.paths import trace_arrivals
 
@@ -176,6 +186,15 @@ def trace_fan(
     RayPaths
         Paths; ``arrival`` is the number of the ray. Horizontal refraction moves rays out of the
         plane.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import trace_fan
+    >>> fan = trace_fan(medium, source, 0.0, np.radians([2.0, 5.0, 10.0]), 3000.0)
+    >>> [float(fan.position[fan.arrival == ray][-1, 2].round(1)) for ray in range(3)]
+    [0.0, 187.3, 493.0]
     """
     from pymantaray.acoustics._kernels.paths import trace_launches
 
@@ -282,6 +301,15 @@ def quadrature(paths: RayPaths) -> Quadrature:
     Quadrature
         ``arrival`` (n,), the row of the ray; ``position`` (n, 3) [m]; ``slowness`` (n, 3) along the
         ray [s/m]; ``weight`` (n,), the arc length of each point [m].
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import quadrature
+    >>> nodes = quadrature(paths)
+    >>> print(np.bincount(nodes.arrival, nodes.weight).round(2))
+    [3020.53 3033.99]
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
     a = first
@@ -352,6 +380,17 @@ def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Arra
     -------
     ndarray, shape (n_rays, k)
         Integrals. [unit of the integrand times m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import path_integrals
+    >>> length, time = path_integrals(
+    ...     paths, lambda p: np.stack([np.ones(len(p)), 1.0 / medium.sound_speed_at(p)], axis=-1)
+    ... ).T
+    >>> print(length.round(2), time.round(4))
+    [3020.53 3033.99] [2.0659 2.0774]
     """
     points = quadrature(paths)
     return _gather(paths, points, _values(integrand, points.position) * points.weight[:, None])
@@ -378,6 +417,15 @@ def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) ->
     For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds`
     along the unperturbed ray: by Fermat's principle, the displacement of the ray has no first-order
     effect.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import travel_time_sensitivity
+    >>> print(travel_time_sensitivity(paths, lambda position: np.ones(len(position))).round(6))
+    [[-0.001413]
+     [-0.001422]]
     """
     points = quadrature(paths)
     squared = np.sum(points.slowness**2, axis=-1)
@@ -427,6 +475,15 @@ def ray_picture(
         ``ray_spreading`` [dB beyond spherical; NaN in the fan]; eigenrays come first, by travel
         time; chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s]. All
         lengths are in metres. The attribute ``status`` is the name of the link's `RayStatus`.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import ray_picture
+    >>> picture = ray_picture(medium, source, receiver, fan_angles=np.radians([5.0, 10.0]))
+    >>> picture.attrs["status"], picture["ray_arrives"].values.tolist()
+    ('OK', [1, 0, 0])
     """
     import xarray as xr
 

@@ -82,6 +82,15 @@ def plot_arrivals(
     Returns
     -------
     matplotlib.axes.Axes
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import plot_arrivals
+    >>> axes = plot_arrivals(arrivals)
+    >>> axes.get_xlabel(), axes.get_ylabel()
+    ('Delay from the first arrival [ms]', 'Level re spherical spreading [dB]')
     """
     if one_column and ax is None:
         return _arrivals_in_one_column(arrivals, link, loss)

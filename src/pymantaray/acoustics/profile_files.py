@@ -14,7 +14,7 @@ _MAX_LEVELS = 1000  # of EM 122 and later, by the description of the format in S
 
 
 def write_asvp(path: str | Path, profile: Profile) -> None:
-    """
+    r"""
     Write a profile of sound speed as Kongsberg's ``.asvp``, which SIS and Sound Speed Manager read.
 
     Depths have a resolution of 1 cm, and sound speeds of 1 cm/s. The format ends at 12,000 m, where
@@ -33,6 +33,17 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
     AcousticsError
         If the position or the time is unknown, two levels differ by less than 1 cm, or there are
         more than 1000 levels.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from pymantaray.acoustics import read_profile, write_asvp
+    >>> _ = Path("cast.csv").write_text("depth,sound_speed\n0,1450\n100,1460\n1000,1475\n")
+    >>> profile = read_profile("cast.csv", place=(74.5, -140.0))
+    >>> write_asvp("cast.asvp", profile._replace(time=np.datetime64("2026-03-10T12:00", "ns")))
+    >>> print(read_profile("cast.asvp").sound_speed)
+    [1450. 1460. 1475. 1475.]
     """
     lat, lon = _profile_position(path, profile)
     if np.isnat(profile.time):
@@ -65,7 +76,7 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
 
 
 def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
-    """
+    r"""
     Write profiles as a CF data set (incomplete multidimensional arrays) that `read_profiles` and
     `read_casts` can read.
 
@@ -80,6 +91,15 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
     ------
     AcousticsError
         If there is no profile, or the position of one is unknown.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.acoustics import read_profile, read_profiles, write_profiles
+    >>> _ = Path("cast.csv").write_text("depth,sound_speed\n0,1450\n100,1460\n1000,1475\n")
+    >>> write_profiles("casts.nc", [read_profile("cast.csv", place=(74.5, -140.0))])
+    >>> [profile.name for profile in read_profiles("casts.nc")]
+    ['cast']
     """
     import xarray as xr
 

@@ -104,7 +104,7 @@ class ReducedProfile:
 def read_profile(
     path: str | Path, place: tuple[float, float] | None = None, *, repair_freezing: bool = False
 ) -> Profile:
-    """
+    r"""
     Read a profile of sound speed, or compute it by TEOS-10 from temperature and salinity.
 
     Parameters
@@ -131,6 +131,14 @@ def read_profile(
     AcousticsError
         If the file contains several casts, lacks a column, or its depth does not increase; the
         message gives the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.acoustics import read_profile
+    >>> _ = Path("cast.csv").write_text("depth,sound_speed\n0,1450\n100,1460\n1000,1475\n")
+    >>> print(read_profile("cast.csv").sound_speed)
+    [1450. 1460. 1475.]
     """
     return only_one(
         path, read_profiles(path, place, repair_freezing=repair_freezing), AcousticsError
@@ -155,7 +163,7 @@ def names_of(casts: Sequence[Named]) -> str:
 def read_profiles(
     path: str | Path, place: tuple[float, float] | None = None, *, repair_freezing: bool = False
 ) -> list[Profile]:
-    """
+    r"""
     Read all profiles of a file, one per station.
 
     Parameters
@@ -167,6 +175,15 @@ def read_profiles(
     -------
     list of Profile
         Profiles with name and, if the file contains it, time.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.acoustics import read_profiles
+    >>> rows = ["station,depth,sound_speed", "A,0,1450", "A,1000,1475", "B,0,1452", "B,900,1474"]
+    >>> _ = Path("casts.csv").write_text("\n".join(rows))
+    >>> [(profile.name, float(profile.depth[-1])) for profile in read_profiles("casts.csv")]
+    [('A', 1000.0), ('B', 900.0)]
     """
     from pymantaray.ocean.cast_folders import is_cast_folder, read_each
     from pymantaray.ocean.casts import cast_tables, each_usable, holds_argo, read_casts
@@ -406,6 +423,15 @@ def smooth_profile(
     The value at each level is that of a straight line, fitted with Gaussian weights times the depth
     interval of each level of the cast. The average preserves a constant gradient exactly, also at
     the ends.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.acoustics import smooth_profile
+    >>> z = np.arange(0.0, 301.0)
+    >>> smooth = smooth_profile(z, 1450.0 + 0.05 * np.abs(z - 120.0), length=20.0)
+    >>> smooth.depth.size, round(smooth.greatest_change, 2)
+    (31, 0.34)
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)

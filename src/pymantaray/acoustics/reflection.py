@@ -146,6 +146,14 @@ class FluidBottom(_FluidHalfSpace):
         Density of the sediment. [kg/m3]
     attenuation_db_per_wavelength : float
         Attenuation of compressional waves in the sediment. [dB per wavelength]
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import FluidBottom
+    >>> sand = FluidBottom.standard("sand")
+    >>> loss, phase = sand.loss_and_phase([0.2, 0.8], 25e3, sound_speed=1500.0)
+    >>> print(loss.round(1))
+    [0.8 8.2]
     """
 
     sound_speed: float
@@ -209,6 +217,12 @@ class SeaSurface(_Scattering):
     model : {"bubbles", "coherent"}
         Loss: the energy that bubbles absorb, or all energy that is not reflected specularly and in
         phase.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import SeaSurface
+    >>> print(SeaSurface(wind_speed=8.0).loss_db([0.1, 0.5], 25e3, sound_speed=1450.0).round(1))
+    [5.1 1.1]
     """
 
     wind_speed: float
@@ -252,6 +266,12 @@ class IceCover(_Scattering):
     .. [2] Verrall, R. and Ganton, J. (1977), The reflection of acoustic waves in sea water from an
        ice covered surface, ADA047298, abstract: reflectivities of -15 dB not uncommon, 0.2 to 20
        kHz.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import IceCover
+    >>> print(IceCover(db_per_bounce=15.0).loss_db([0.1, 0.5], 25e3, sound_speed=1450.0))
+    [15. 15.]
     """
 
     db_per_bounce: float
@@ -289,6 +309,13 @@ class GrainSizeBottom(_FluidHalfSpace):
     ----------
     .. [1] Applied Physics Laboratory, University of Washington (1994), APL-UW High-Frequency Ocean
        Environmental Acoustic Models Handbook, TR 9407, section IV.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import GrainSizeBottom
+    >>> loss, phase = GrainSizeBottom(5.0).loss_and_phase([0.2, 0.8], 25e3, sound_speed=1500.0)
+    >>> print(loss.round(1))
+    [16.6 22.1]
     """
 
     grain_size: float

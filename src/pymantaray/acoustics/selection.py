@@ -71,6 +71,14 @@ def choose_arrivals(
     -------
     Chosen
         Links with a selected arrival in ascending order, and its row.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import choose_arrivals
+    >>> choose_arrivals(arrivals, "strongest", loss_db=[72.0, 70.0]).row
+    array([1])
     """
     if rule not in get_args(ArrivalRule):
         raise AcousticsError(
@@ -165,6 +173,14 @@ def select(
         all reflected has status SHADOW and shadow margin NaN: the solver gives one margin for all
         numbers of reflections. Solve it without reflections to learn whether its direct rays are
         blocked or weak. ``first`` without a delay is the same as `Arrivals.first`.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import select
+    >>> print(select(arrivals, "first").travel_time.round(4))
+    [2.0659]
     """
     link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
     picked = arrivals.of_links(link, row, _delayed(arrivals, delay)[row])

@@ -46,6 +46,12 @@ def list_presets() -> dict[str, str]:
     Returns
     -------
     dict of str to str
+
+    Examples
+    --------
+    >>> from pymantaray.config import list_presets
+    >>> list(list_presets())
+    ['beaufort', 'estimators-beaufort', 'estimators-fram', 'fram', 'quick', 'survey']
     """
     return {name: load_study(name).study.description for name in preset_names()}
 
@@ -69,6 +75,13 @@ def preset_text(name: str) -> str:
     ------
     StudyError
         If the preset does not exist; the message lists the presets.
+
+    Examples
+    --------
+    >>> from pymantaray.config import preset_text
+    >>> lines = preset_text("quick").splitlines()
+    >>> next(line for line in lines if line.startswith("duration_h")).partition("#")[0].strip()
+    'duration_h = 24.0'
     """
     _check_preset(name)
     return commented_toml(load_study(name))
@@ -94,6 +107,13 @@ def starter_text(name: str, **changes: Any) -> str:
     ------
     StudyError
         As for `preset_text`, or if a change is not allowed.
+
+    Examples
+    --------
+    >>> from pymantaray.config import starter_text
+    >>> text = starter_text("quick", **{"noise.range_sigma": 2.0})
+    >>> next(line for line in text.splitlines() if line.startswith("range_sigma"))
+    'range_sigma = 2.0  # Standard deviation of a range, modem jitter included. [m]'
     """
     _check_preset(name)
     config = load_study(name, **changes)
@@ -215,6 +235,13 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     ------
     StudyError
         As for `load_study`.
+
+    Examples
+    --------
+    >>> from pymantaray.config import load_sound
+    >>> sound = load_sound("quick", **{"ocean.source": "synthetic:fram"})
+    >>> sound.ocean.source, sound.acoustics.interpolation
+    (('synthetic:fram',), 'smooth')
     """
     tree = _tree(name_or_file)
     label = str(name_or_file)
@@ -353,6 +380,15 @@ def parse_study(
     ------
     StudyError
         One line per finding.
+
+    Examples
+    --------
+    >>> import tomllib
+    >>> from pymantaray.config import load_study, parse_study, study_toml
+    >>> tree = tomllib.loads(study_toml(load_study("quick")))
+    >>> tree["noise"]["range_sigma"] = 2.0
+    >>> parse_study(tree).noise.range_sigma
+    2.0
     """
     if BASE in tree:
         folder = folder or Path()

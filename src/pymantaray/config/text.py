@@ -33,6 +33,13 @@ def study_toml(config: StudyConfig) -> str:
     Returns
     -------
     str
+
+    Examples
+    --------
+    >>> from pymantaray.config import load_study, study_toml
+    >>> text = study_toml(load_study("quick", realizations=2))
+    >>> [line for line in text.splitlines() if line.startswith("realizations")]
+    ['realizations = 2']
     """
     tree = config.model_dump(exclude_none=True)
     return tomli_w.dumps({"study": tree.pop("study"), **tree})

@@ -1,6 +1,21 @@
 """
 Factor graphs, their file formats and their solution; knows measurements, never the ocean or the
 truth.
+
+Examples
+--------
+Continues the example of `pymantaray.sensing`:
+
+>>> from pymantaray.estimation import GraphValues, build_graph, dead_reckon
+>>> from pymantaray.sensing import perturb
+>>> noisy = perturb(measurements, root_seed=1, realization=0)
+>>> graph = build_graph(noisy, "straight")
+>>> position, quaternion = dead_reckon(noisy)
+>>> start = GraphValues(
+...     position.reshape(-1, 3), quaternion.reshape(-1, 4), noisy.landmark_position
+... )
+>>> graph
+<FactorGraph: 2 vehicles, 0 landmarks, 4 poses>
 """
 
 from typing import TYPE_CHECKING

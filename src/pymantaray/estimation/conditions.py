@@ -87,6 +87,20 @@ class Estimator:
         Replace both ranges of a pair by their mean.
     dead_reckoned : bool
         Use dead reckoning and solve no graph.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import ClockPrior, ConstantSpeed, Estimator, solve_conditions
+    >>> speed, clocks = ConstantSpeed(1460.0), ClockPrior(offset_sigma=1e-3, skew_sigma=1e-9)
+    >>> estimators = {
+    ...     "1460 m/s": Estimator("refracted", model=speed),
+    ...     "and clocks": Estimator("refracted", model=speed, clocks=clocks),
+    ... }
+    >>> solutions = solve_conditions(noisy, estimators)
+    >>> [(name, solution.status.name) for name, solution in solutions.items()]
+    [('1460 m/s', 'OK'), ('and clocks', 'OK')]
     """
 
     ranges: MeasuredRanges
@@ -156,6 +170,16 @@ def solve_conditions(
     EstimationError
         If a condition is unknown, or `build_graph` or `GraphSolver` refuses the input. A failed
         solve raises no error; its status says so.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import solve_conditions
+    >>> solutions = solve_conditions(noisy, ["odometry", "straight"])
+    >>> error = solutions["straight"].position - truth.position
+    >>> solutions["straight"].status.name, float(np.abs(error).max().round(1))
+    ('OK', 8.5)
     """
     if not isinstance(conditions, Mapping):
         unknown = [c for c in conditions if c not in CONDITIONS]
@@ -386,6 +410,15 @@ def collect_estimates(
     ------
     EstimationError
         If there is no realization, or two of them have different conditions.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import collect_estimates, solve_conditions
+    >>> estimates = collect_estimates(noisy, [solve_conditions(noisy, ["odometry", "straight"])])
+    >>> estimates
+    <Estimates: 2 conditions, 1 realization, 2 vehicles, 2 times, 0 landmarks>
     """
     conditions = checked_conditions(solutions)
 

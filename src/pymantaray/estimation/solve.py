@@ -47,6 +47,15 @@ class GraphSolver:
     Parameters
     ----------
     options : SolveOptions, optional
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import GraphSolver
+    >>> solution = GraphSolver().solve(graph, start)
+    >>> solution.status.name, solution.iterations
+    ('OK', 3)
     """
 
     def __init__(self, options: SolveOptions | None = None) -> None:

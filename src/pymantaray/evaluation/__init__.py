@@ -1,6 +1,27 @@
 """
 Trajectory errors and statistics of range errors; the only folder that compares estimates with the
 truth.
+
+Examples
+--------
+Continues the example of `pymantaray.estimation`:
+
+>>> import numpy as np
+>>> from pymantaray.estimation import collect_covariances, collect_estimates, solve_conditions
+>>> samples = np.array([1])
+>>> solutions = [
+...     solve_conditions(
+...         perturb(measurements, root_seed=1, realization=k),
+...         ["odometry", "straight", "refracted"],
+...         covariance_samples=samples,
+...     )
+...     for k in range(3)
+... ]
+>>> estimates = collect_estimates(measurements, solutions)
+>>> parts = [{name: s.covariances for name, s in solution.items()} for solution in solutions]
+>>> covariances = collect_covariances(measurements, samples, parts)
+>>> estimates
+<Estimates: 3 conditions, 3 realizations, 2 vehicles, 2 times, 0 landmarks>
 """
 
 from typing import TYPE_CHECKING

@@ -96,7 +96,12 @@ def error_bound(
 
     Examples
     --------
-    >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import error_bound
+    >>> bound = error_bound(truth, measurements)
+    >>> print(np.sqrt(np.diagonal(bound[0, 1, :, 1])).round(2))
+    [5.32 7.5  0.01]
     """
     submerged_at_pings(truth, measurements)  # raises if the vehicles differ
     estimator = _known(condition)
@@ -159,6 +164,15 @@ class DegreesOfFreedom:
     error :math:`\mathrm{RMSE} / \sqrt{2 n \nu}`. Both traces are estimated by Hutchinson's method,
     as means over random vectors of signs with a fixed seed. They are NaN if the measurements do not
     determine some direction.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import DegreesOfFreedom
+    >>> freedom = DegreesOfFreedom(truth, measurements)
+    >>> round(freedom.at_pings, 1)
+    2.8
     """
 
     def __init__(
@@ -224,6 +238,14 @@ def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[st
     dict of str to float
         For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some
         direction.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import graph_degrees_of_freedom
+    >>> {name: round(value, 1) for name, value in graph_degrees_of_freedom(graph, start).items()}
+    {'A': 1.8, 'B': 1.8, '(all)': 2.8}
     """
     covariance = PoseCovariance(graph, values).positions
     signs = _RandomSigns(graph.n_poses)
@@ -350,6 +372,16 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
     -----
     If a fleet turns about the vertical through its only anchor, ranges and depths do not change.
     Only odometry or a second anchor determines this rotation.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import bound_table
+    >>> table = bound_table(truth, measurements)
+    >>> table[["submerged", "no_ranges_rmse_m", "bound_rmse_m"]].round(2)
+       submerged  no_ranges_rmse_m  bound_rmse_m
+    0          2             10.61          9.19
     """
     samples = ping_samples(measurements)
     submerged = submerged_at_pings(truth, measurements)

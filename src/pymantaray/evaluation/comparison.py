@@ -79,6 +79,17 @@ def comparison_table(
     ------
     EvaluationError
         If the estimates lack a condition of a pair, or as `trajectory_errors`.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import comparison_table
+    >>> table = comparison_table(truth, estimates, [("refracted", "straight")])
+    >>> table[["statistic", "realizations", "pooled_difference_m"]].round(2)
+      statistic  realizations  pooled_difference_m
+    0      mean             3                 0.06
+    1      rmse             3                 0.08
     """
     present = estimates.condition.tolist()
     chosen = [p for p in PAIRS if set(p) <= set(present)] if pairs is None else list(pairs)

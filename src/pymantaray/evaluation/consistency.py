@@ -156,6 +156,23 @@ def consistency_table(
     Ranges correlate the vehicles of one epoch, and odometry correlates the epochs of one run. Only
     realizations are independent. Therefore the fleet has one joint statistic for each epoch, and
     epochs are not pooled.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import consistency_table
+    >>> table = consistency_table(truth, estimates, covariances)
+    >>> table[["condition", "statistic", "ratio", "low", "high", "inside"]].round(2)
+       condition   statistic  ratio   low  high  inside
+    0   odometry  horizontal   1.46  0.37  1.94    True
+    1   odometry    position   1.14  0.46  1.75    True
+    2   straight  horizontal   1.08  0.37  1.94    True
+    3   straight    position   1.28  0.46  1.75    True
+    4   straight      ranges   1.70  0.21  2.41    True
+    5  refracted  horizontal   5.49  0.37  1.94   False
+    6  refracted    position   4.22  0.46  1.75   False
+    7  refracted      ranges  85.27  0.21  2.41   False
     """
     errors = epoch_errors(truth, estimates, covariances)
     statistics = _by_vehicle(errors, covariances) if by_vehicle else _of_fleet(errors, covariances)
@@ -209,6 +226,23 @@ def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
     -----
     Bonferroni's correction is valid for any dependence between the tests, such as that between
     epochs of one run. Of 20 epochs of a consistent estimator, one is expected outside its bounds.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import consistency_summary, consistency_table
+    >>> summary = consistency_summary(consistency_table(truth, estimates, covariances))
+    >>> summary[["condition", "statistic", "inside", "consistent"]]
+       condition   statistic  inside  consistent
+    0   odometry  horizontal       1        True
+    1   odometry    position       1        True
+    2   straight  horizontal       1        True
+    3   straight    position       1        True
+    4   straight      ranges       1        True
+    5  refracted  horizontal       0       False
+    6  refracted    position       0       False
+    7  refracted      ranges       0       False
     """
     summary = (
         table.groupby(["condition", "statistic"], sort=False)
@@ -266,6 +300,21 @@ def coverage_table(
     the share of one realization has the variance :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) -
     p^2]`. The bounds are those of a binomial distribution with ``effective_n`` draws: the number of
     draws with this variance, rounded down.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import coverage_table
+    >>> table = coverage_table(truth, estimates, covariances)
+    >>> table[table["condition"] == "straight"][["axis", "sigmas", "share", "inside"]].round(2)
+         axis  sigmas  share  inside
+    6   north     1.0   1.00    True
+    7   north     3.0   1.00    True
+    8    east     1.0   0.33    True
+    9    east     3.0   1.00    True
+    10   down     1.0   0.67    True
+    11   down     3.0   1.00    True
     """
     errors = epoch_errors(truth, estimates, covariances)
     c = covariances

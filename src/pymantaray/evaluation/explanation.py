@@ -52,6 +52,12 @@ def unexplained(
     -----
     Medians of the absolute values are compared, so that less than half of gross errors do not
     matter. The limits are 5 % of the measured values, and 50 stated standard deviations.
+
+    Examples
+    --------
+    >>> from pymantaray.evaluation import unexplained
+    >>> unexplained([0.3, 0.4, 0.5], measured=2.0)
+    'the median residual is 20 % of what was measured; at most 5 % explain it'
     """
     size, value, stated = np.broadcast_arrays(
         np.abs(np.asarray(residual, dtype=float)),

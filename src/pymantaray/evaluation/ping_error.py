@@ -80,6 +80,18 @@ def ping_error_table(
     ------
     EvaluationError
         If the records have different vehicles or times.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import ping_error_table
+    >>> table = ping_error_table(truth, estimates, measurements)
+    >>> table[["condition", "n", "rmse_m", "from_straight_rmse_m"]].round(2)
+       condition  n  rmse_m  from_straight_rmse_m
+    0   odometry  6   13.87                  9.94
+    1   straight  6    9.88                  0.00
+    2  refracted  6    9.99                  1.81
     """
     submerged = submerged_at_pings(truth, measurements)
     samples = ping_samples(measurements)

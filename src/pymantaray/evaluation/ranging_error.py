@@ -66,6 +66,15 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
     -------
     RangeErrors
         Errors and their two parts, shape (n_ranges,). [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import range_errors
+    >>> errors = range_errors(ranging.truth)
+    >>> print(errors.total.round(2), errors.reference_speed.round(2), errors.bending.round(2))
+    [-12.13   4.99] [-12.04   5.08] [-0.09 -0.09]
     """
     t = ranging_truth
     received = np.isfinite(t.travel_time)
@@ -137,6 +146,17 @@ def range_error_table(
     ------
     EvaluationError
         If the vehicles of both records differ.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import range_error_table
+    >>> table = range_error_table(measurements, ranging.truth, truth)
+    >>> table[["category", "n", "mean_m", "percent_beyond_3_sigma"]].round(2)
+                                 category  n  mean_m  percent_beyond_3_sigma
+    0  station-keeping to station-keeping  2   -3.57                   100.0
+    1                           all links  2   -3.57                   100.0
     """
     errors = range_errors(ranging_truth).total
     rows = []
@@ -186,6 +206,21 @@ def range_split_table(
     ------
     EvaluationError
         If the vehicles of both records differ.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import range_split_table
+    >>> table = range_split_table(measurements, ranging.truth, truth)
+    >>> table[["category", "part", "mean_m"]].round(2)
+                                 category             part  mean_m
+    0  station-keeping to station-keeping            total   -3.57
+    1  station-keeping to station-keeping  reference speed   -3.48
+    2  station-keeping to station-keeping          bending   -0.09
+    3                           all links            total   -3.57
+    4                           all links  reference speed   -3.48
+    5                           all links          bending   -0.09
     """
     errors = range_errors(ranging_truth)
     parts = {
@@ -226,6 +261,16 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     ------
     EvaluationError
         If the vehicles of both records differ.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import dropout_table
+    >>> dropout_table(measurements, truth)[["category", "attempts", "dropouts", "percent"]]
+                                 category  attempts  dropouts  percent
+    0  station-keeping to station-keeping         2         0      0.0
+    1                           all links         2         0      0.0
     """
     rows: list[dict[str, Any]] = []
     present = set(measurements.range_status.tolist())

@@ -116,6 +116,17 @@ def graph_errors(
         For each vehicle's name and ``"(all)"``: ``n``, ``mean_m``, ``median_m``, ``rmse_m``,
         ``p5_m``, ``p25_m``, ``p75_m``, ``p95_m`` and ``max_m`` of the errors, and with ``freedom``
         also ``rmse_standard_error_m``; empty without a truth.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import graph_errors
+    >>> exact = GraphValues(
+    ...     truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), np.empty((0, 3))
+    ... )
+    >>> round(graph_errors(graph, start, exact)["(all)"]["rmse_m"], 1)
+    10.2
     """
     if truth is None:
         return {}
@@ -151,6 +162,14 @@ def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     EvaluationError
         If truth and estimates have different vehicles or times, or a usable solve has poses that
         are not finite.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import trajectory_errors
+    >>> print(np.nanmean(trajectory_errors(truth, estimates), axis=(1, 2, 3)).round(1))
+    [6.9 4.3 4.4]
     """
     if truth.name.tolist() != estimates.name.tolist():
         raise EvaluationError(
@@ -204,6 +223,17 @@ def error_table(
     ------
     EvaluationError
         If ``by`` contains another word, or `trajectory_errors` raises it.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import error_table
+    >>> error_table(truth, estimates)[["condition", "solves", "rmse_m"]].round(2)
+       condition  solves  rmse_m
+    0   odometry       3    9.81
+    1   straight       3    6.98
+    2  refracted       3    7.07
     """
     if not set(by) <= {"realization", "vehicle"}:
         raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'vehicle'")
@@ -289,6 +319,17 @@ def attitude_table(
         Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN
         if all solves failed. With ``freedom`` also their standard errors,
         ``tilt_rmse_standard_error_deg`` and ``heading_rmse_standard_error_deg``.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.evaluation`:
+
+    >>> from pymantaray.evaluation import attitude_table
+    >>> attitude_table(truth, estimates).round(3)
+       condition  tilt_rmse_deg  heading_rmse_deg
+    0   odometry          0.014             0.006
+    1   straight          0.014             0.006
+    2  refracted          0.014             0.006
     """
     usable = np.isin(estimates.solve_status, USABLE)
     rotation = matrix_from_quaternion(truth.quaternion)

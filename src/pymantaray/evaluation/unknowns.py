@@ -40,6 +40,24 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     -----
     A posterior standard deviation well below the prior does not imply that the unknown alone is
     observable: see `directions_table`.
+
+    Examples
+    --------
+    >>> from pymantaray.evaluation import unknowns_table
+    >>> from pymantaray.records import SharedUnknowns
+    >>> unknowns = SharedUnknowns(
+    ...     condition=["straight-scale"],
+    ...     realization=[0],
+    ...     name=["scale"],
+    ...     unit=["1"],
+    ...     prior_sigma=[[1e-3]],
+    ...     value=[[[2e-4]]],
+    ...     truth=[[[1e-4]]],
+    ...     covariance=[[[[1e-8]]]],
+    ... )
+    >>> unknowns_table(unknowns)[["unknown", "sigma", "resolution"]]
+      unknown   sigma  resolution
+    0   scale  0.0001        0.99
     """
     rows: list[dict[str, Any]] = []
     for c, i in np.argwhere(
@@ -91,6 +109,24 @@ def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     contain no information about a combination with eigenvalue 1; its posterior is the prior. The
     trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` is the number of quantities that the
     measurements determine.
+
+    Examples
+    --------
+    >>> from pymantaray.evaluation import directions_table
+    >>> from pymantaray.records import SharedUnknowns
+    >>> unknowns = SharedUnknowns(
+    ...     condition=["straight-scale"],
+    ...     realization=[0],
+    ...     name=["scale"],
+    ...     unit=["1"],
+    ...     prior_sigma=[[1e-3]],
+    ...     value=[[[2e-4]]],
+    ...     truth=[[[1e-4]]],
+    ...     covariance=[[[[1e-8]]]],
+    ... )
+    >>> directions_table(unknowns)[["direction", "sigma_ratio", "resolution"]]
+       direction  sigma_ratio  resolution
+    0          1          0.1        0.99
     """
     rows: list[dict[str, Any]] = []
     for c, name in enumerate(unknowns.condition):

@@ -97,6 +97,15 @@ class Tracks:
         Instant (UTC) of the earliest pose; None if the file has no dates.
     notes : sequence of str
         Changes and omissions by the reader.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from pymantaray import read_trajectories
+    >>> rows = {"time": [0, 60], "vehicle": "A", "north": [0, 30], "east": 0, "depth": 20}
+    >>> tracks = read_trajectories(pd.DataFrame(rows))
+    >>> tracks.names, tracks.duration, tracks.geodetic
+    (['A'], 60.0, False)
     """
 
     poses: tuple[Poses, ...]

@@ -50,6 +50,15 @@ def write_tum(
         Rotation body to world, (w, x, y, z).
     centre : tuple of float, optional
         Latitude and longitude of the local frame's centre. [degrees]
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.exchange import write_tum
+    >>> position = [[0.0, 0.0, 20.0], [30.0, 0.0, 20.0]]
+    >>> write_tum("A.tum", [0.0, 60.0], position, [[1.0, 0.0, 0.0, 0.0]] * 2)
+    >>> Path("A.tum").read_text().splitlines()[-1]
+    '60 30 0 20 0 0 0 1'
     """
     path = Path(path)
     t, p, q = (np.asarray(a, dtype=float) for a in (time, position, quaternion))
@@ -84,6 +93,14 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
     -------
     list of pathlib.Path
         Files written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.exchange import write_graph_tum
+    >>> [path.name for path in write_graph_tum("run.tum", graph, start)]
+    ['run-A.tum', 'run-B.tum']
     """
     files = graph_tum_files(path, graph)
     for vehicle, file in enumerate(files):
@@ -107,6 +124,14 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     Returns
     -------
     list of pathlib.Path
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.exchange import graph_tum_files
+    >>> [path.name for path in graph_tum_files("run.tum", graph)]
+    ['run-A.tum', 'run-B.tum']
     """
     path = Path(path)
     if graph.vehicle_name.size == 1:

@@ -38,6 +38,15 @@ class FloatCycle:
     depth_gain : float
         Commanded vertical speed per metre of distance from the target depth. In a step, the float
         moves at most to the target depth. [1/s]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import FloatCycle, Vehicle, simulate
+    >>> profiler = Vehicle("F", [0.0, 0.0, 5.0], FloatCycle(target_depth=500.0, start_delay=600.0))
+    >>> print(simulate([profiler], sea, **steps).position[0, :, 2].round(1))
+    [  5.   5. 305. 500.]
     """
 
     role: ClassVar[str] = "float"
@@ -72,6 +81,15 @@ class StationKeeping:
     ----------
     depth : float
         Depth, which must equal the vehicle's start depth. [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import StationKeeping, Vehicle, simulate
+    >>> anchored = Vehicle("S", [100.0, 0.0, 20.0], StationKeeping(depth=20.0))
+    >>> print(simulate([anchored], sea, **steps).position[0, -1])
+    [100.   0.  20.]
     """
 
     role: ClassVar[str] = "station"
@@ -94,6 +112,15 @@ class Drifting:
         Depth, which must equal the vehicle's start depth. [m]
     drogue_depth : float, optional
         Depth of the current that moves the vehicle. Default: ``depth``. [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import Drifting, Vehicle, simulate
+    >>> buoy = Vehicle("D", [0.0, 0.0, 15.0], Drifting(depth=15.0, drogue_depth=50.0))
+    >>> print(simulate([buoy], sea, **steps).position[0, -1].round(1))
+    [-31.3 -66.9  15. ]
     """
 
     role: ClassVar[str] = "drifting"
@@ -119,6 +146,18 @@ class ConstantTwist:
         Twist ``[omega, v]`` in the body frame. [rad/s, m/s]
     current : bool
         If True, the twist is relative to the water, and the current moves the vehicle in addition.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import ConstantTwist, Vehicle, simulate
+    >>> circling = Vehicle("C", [0.0, 0.0, 20.0], ConstantTwist([0.0, 0.0, 0.01, 1.0, 0.0, 0.0]))
+    >>> print(simulate([circling], sea, **steps).position[0].round(1))
+    [[  0.    0.   20. ]
+     [-27.9   4.   20. ]
+     [-53.7  15.6  20. ]
+     [-75.1  34.   20. ]]
     """
 
     role: ClassVar[str] = "twist"
@@ -159,6 +198,18 @@ class Waypoints:
         If True, continue with the first waypoint after the last; otherwise stop there.
     current : bool
         If True, the current moves the vehicle.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import Vehicle, Waypoints, simulate
+    >>> route = Waypoints([[500.0, 0.0, 50.0], [500.0, 900.0, 50.0]], speed=1.0, turn_rate=0.1)
+    >>> print(simulate([Vehicle("W", [0.0, 0.0, 20.0], route)], sea, **steps).position[0].round())
+    [[  0.   0.  20.]
+     [500. 104.  50.]
+     [500. 704.  50.]
+     [500. 884.  50.]]
     """
 
     role: ClassVar[str] = "waypoints"
@@ -215,6 +266,15 @@ class Vehicle:
         Behaviour.
     heading : float
         Bearing of body x at the start, clockwise from grid north; pitch and roll are zero. [rad]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import StationKeeping, Vehicle, simulate
+    >>> fleet = [Vehicle(name, [0.0, 0.0, 20.0], StationKeeping(20.0)) for name in ("A", "B")]
+    >>> simulate(fleet, sea, **steps).name.tolist()
+    ['A', 'B']
     """
 
     name: str

@@ -85,6 +85,16 @@ def simulate(
     predicted with the current of the previous step, so the method is second order in the step. For
     a swimmer in a current, the current at the middle of its step adds a displacement. This is also
     second order, and exact in a uniform current. Hold times and delays are rounded to whole steps.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.fleet`:
+
+    >>> from pymantaray.fleet import Drifting, Vehicle, simulate
+    >>> buoy = Vehicle("D", [0.0, 0.0, 15.0], Drifting(depth=15.0))
+    >>> truth = simulate([buoy], sea, duration=3600.0, physics_step=10.0, sampling_period=600.0)
+    >>> truth.position.shape, truth.status.tolist()
+    ((1, 7, 3), [[0, 0, 0, 0, 0, 0, 0]])
     """
     steps, periods = _counts(duration, physics_step, sampling_period)
     names = unique_names(vehicles)

@@ -77,6 +77,13 @@ class BoundarySurface:
     ------
     GeometryError
         If a value is not finite, an axis does not increase, or the shapes differ.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import BoundarySurface
+    >>> bed = BoundarySurface([[900.0], [1100.0]], north=[0.0, 5000.0])
+    >>> print(bed.depth_at([[2500.0, 0.0, 0.0]]))
+    [1000.]
     """
 
     depth: Array

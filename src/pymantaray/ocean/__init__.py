@@ -1,4 +1,17 @@
-"""Oceans from model files, casts or synthetic regions, as sound speed, currents and sea floor."""
+"""
+Oceans from model files, casts or synthetic regions, as sound speed, currents and sea floor.
+
+Examples
+--------
+>>> import numpy as np
+>>> from pymantaray.ocean import Cast, open_ocean
+>>> ocean = open_ocean("synthetic:fram", window=(77.9, 78.1, -0.4, 0.4))
+>>> depth = np.array([0.0, 50.0, 200.0, 1000.0])
+>>> temperature, salinity = np.array([4.0, 3.0, 2.5, -0.5]), np.array([34.0, 34.8, 35.0, 34.9])
+>>> cast = Cast("C1", 78.0, 0.0, ocean["time"].values, depth, temperature, salinity)
+>>> dict(ocean.sizes)
+{'depth': 40, 'lat': 5, 'lon': 11}
+"""
 
 from typing import TYPE_CHECKING
 

@@ -81,7 +81,7 @@ def read_cast(
     default_place: tuple[float, float] | None = None,
     repair_freezing: bool = False,
 ) -> Cast:
-    """
+    r"""
     Read one cast from a file.
 
     Parameters
@@ -119,6 +119,16 @@ def read_cast(
     OceanError
         If the file is unreadable, a cell is not a number, a column or the place is missing, fewer
         than two levels remain, or the file contains several casts and ``name`` is missing.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.ocean import read_cast
+    >>> rows = ["depth,temperature,salinity", "0,4.0,34.0", "200,2.5,35.0", "1000,-0.5,34.9"]
+    >>> _ = Path("cast.csv").write_text("\n".join(rows))
+    >>> cast = read_cast("cast.csv", lat=78.0, lon=0.0)
+    >>> print(cast.sound_speed().round(1))
+    [1465.3 1463.4 1463. ]
     """
     where: dict[str, Any] = {"lat": lat, "lon": lon, "time": time, "default_place": default_place}
     casts = read_casts(path, **where, repair_freezing=repair_freezing)
@@ -140,7 +150,7 @@ def read_casts(
     default_place: tuple[float, float] | None = None,
     repair_freezing: bool = False,
 ) -> list[Cast]:
-    """
+    r"""
     Read all casts of one or more files, in the order of the files.
 
     Parameters
@@ -157,6 +167,16 @@ def read_casts(
     Returns
     -------
     list of Cast
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.ocean import read_casts
+    >>> head = "station,depth,temperature,salinity"
+    >>> rows = [head, "A,0,4,34", "A,90,3,35", "B,0,4,34", "B,80,3,35"]
+    >>> _ = Path("casts.csv").write_text("\n".join(rows))
+    >>> [cast.name for cast in read_casts("casts.csv", lat=78.0, lon=0.0)]
+    ['A', 'B']
     """
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
     if not files:
@@ -213,7 +233,7 @@ def each_usable(
 
 
 def holds_casts(path: str | Path) -> bool:
-    """
+    r"""
     Return True if a source is a file for `read_casts`, not a gridded or synthetic ocean.
 
     Parameters
@@ -226,6 +246,14 @@ def holds_casts(path: str | Path) -> bool:
     bool
         True for a table, an instrument's file, Argo profiles, a CF data set of profiles, and a
         folder or archive of such files.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.ocean import holds_casts
+    >>> _ = Path("cast.csv").write_text("depth,temperature,salinity\n0,4.0,34.0\n200,2.5,35.0\n")
+    >>> holds_casts("cast.csv"), holds_casts("synthetic:fram")
+    (True, False)
     """
     if str(path).startswith("synthetic:"):
         return False
@@ -515,6 +543,15 @@ def cast_ocean(
     constant above the shallowest sample. They are uniform at a constant depth. Sound speed varies
     by a few mm/s over 100 km, because pressure at a depth and the composition of sea water depend
     on the place.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import cast_ocean
+    >>> uniform = cast_ocean(cast, bathymetry=1000.0, half_extent=(5e3, 5e3))
+    >>> dict(uniform.sizes), float(uniform["water_temp"][0, 0, 0])
+    ({'depth': 111, 'lat': 9, 'lon': 9}, 3.9875)
     """
     bottom = cast.bottom_depth if bathymetry is None else float(bathymetry)
     if not cast.depth[0] < bottom <= DEEPEST:

@@ -82,6 +82,16 @@ def correct_with_casts(
     .. [1] Bretherton, F. P., Davis, R. E. and Fandry, C. B. (1976), A technique for objective
        analysis and design of oceanographic experiments applied to MODE-73, Deep-Sea Res. 23,
        559-582; cited from general knowledge of the method.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import correct_with_casts
+    >>> corrected = correct_with_casts(ocean, [cast], horizontal_scale=10e3)
+    >>> change = (corrected["water_temp"] - ocean["water_temp"]).sel(depth=50.0)
+    >>> print(change.sel(lat=78.0, lon=[0.0, 0.4], method="nearest").values.round(2))
+    [2.44 1.58]
     """
     validate_ocean(ocean)
     scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)

@@ -46,6 +46,14 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
     OceanError
         If the draft is negative, or the file is unreadable, has no such variable or several, or
         does not cover the ocean.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import to_local, with_ice
+    >>> float(with_ice(to_local(ocean), 1.5)["sea_ice_draft"])
+    1.5
     """
     attrs = {"standard_name": "sea_ice_draft", "units": "m"}
     if isinstance(ice, (int, float)):
@@ -87,6 +95,16 @@ def with_roughness(local: xr.Dataset, roughness: Roughness) -> xr.Dataset:
     xarray.Dataset
         The ocean with the roughness in attributes of ``sea_ice_draft``. Rays see it; vehicles do
         not.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.geometry.roughness import Roughness
+    >>> from pymantaray.ocean import to_local, with_ice, with_roughness
+    >>> local = with_roughness(with_ice(to_local(ocean), 1.5), Roughness(slope=0.1, length=20.0))
+    >>> local["sea_ice_draft"].attrs["roughness_slope"]
+    0.1
     """
     attrs = {f"roughness_{name}": getattr(roughness, name) for name in _ROUGHNESS}
     return local.assign(sea_ice_draft=local["sea_ice_draft"].assign_attrs(attrs))

@@ -30,6 +30,16 @@ class SoundSpeedCovariance:
 
     C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m]. It is
     bilinear between levels and constant beyond them. L is the ``horizontal_scale`` [m].
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import vertical_modes
+    >>> covariance = vertical_modes(ocean).covariance(horizontal_scale=20e3)
+    >>> place = np.array([0.0, 0.0, 100.0])
+    >>> print((covariance(place, place + [20e3, 0.0, 0.0]) / covariance(place, place)).round(3))
+    [0.607]
     """
 
     depth: Array
@@ -76,6 +86,12 @@ def layer_weights(depth: ArrayLike) -> Array:
     -------
     ndarray, shape (n,)
         Their sum is 1. [-]
+
+    Examples
+    --------
+    >>> from pymantaray.ocean import layer_weights
+    >>> print(layer_weights([0.0, 50.0, 200.0]))
+    [0.125 0.5   0.375]
     """
     z = np.asarray(depth, dtype=float)
     return np.asarray(np.diff(layer_edges(z)) / (z[-1] - z[0]))
@@ -199,6 +215,15 @@ def vertical_modes(
     The modes are eigenvectors of the covariance of the columns. Each level is weighted by the layer
     that it represents, so the sum of variances is the mean square anomaly over the water column for
     any spacing of levels.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import vertical_modes
+    >>> modes = vertical_modes(ocean, n_modes=2)
+    >>> modes.modes.shape, float((modes.variance.sum() / modes.total_variance).round(3))
+    ((2, 38), 1.0)
     """
     depth, speed = (
         _ocean_columns(columns, equation)

@@ -153,6 +153,15 @@ def open_ocean_series(
     tuple of xarray.Dataset
         Valid oceans on one grid in order of time: the last at or before ``start``, the first at or
         after ``stop``, and all between. Synthetic oceans have a step of 3 h.
+
+    Examples
+    --------
+    >>> from pymantaray.ocean import open_ocean_series
+    >>> window = (77.9, 78.1, -0.4, 0.4)
+    >>> span = "2014-07-15T13:00", "2014-07-15T14:00"
+    >>> series = open_ocean_series("synthetic:fram", *span, window=window)
+    >>> [str(ocean["time"].values)[:16] for ocean in series]
+    ['2014-07-15T12:00', '2014-07-15T15:00']
     """
     first = parse_instant(start)
     last = parse_instant(stop)
@@ -198,6 +207,12 @@ def ocean_times(source: Source, names: Names | None = None) -> Instants:
     ndarray of datetime64, shape (time,)
         Increasing instants (UTC) with temperature and salinity, and with currents if the source has
         any. For a synthetic ocean, which exists at all times: its epoch.
+
+    Examples
+    --------
+    >>> from pymantaray.ocean import ocean_times
+    >>> print(ocean_times("synthetic:fram"))
+    ['2014-07-15T00:00:00.000000000']
     """
     sources, region = _sources(source)
     if region is not None:

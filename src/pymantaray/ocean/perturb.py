@@ -85,6 +85,16 @@ def perturb_ocean(
     temperature suffices. Currents are unchanged and no longer balance the density. The same
     generator state gives errors in proportion to ``rms``. Water may become colder than its freezing
     point.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import perturb_ocean
+    >>> rng = np.random.default_rng(1)
+    >>> other = perturb_ocean(ocean, rms=0.5, horizontal_scale=20e3, rng=rng)
+    >>> other.attrs["history"].splitlines()[-1].split(",")[0]
+    'sound speed perturbed by 2 vertical modes'
     """
     error = draw_sound_speed_error(
         ocean,
@@ -159,6 +169,15 @@ def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         A valid ocean with uniform levels, including currents, and the same sea bed.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import mean_ocean
+    >>> surface = mean_ocean(ocean)["water_temp"][0]
+    >>> float(ocean["water_temp"][0].std().round(2)), float(surface.std().round(2))
+    (0.01, 0.0)
     """
     validate_ocean(ocean)
     columns = {}
@@ -191,6 +210,15 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     xarray.Dataset
         A valid ocean with the same grid and sea bed. Where the sea bed is deeper than the column,
         the deepest value is extended downward.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import column_ocean
+    >>> column = column_ocean(ocean, (78.0, 0.0))
+    >>> float(column["water_temp"][0].std().round(2)), float(np.abs(column["water_u"]).max())
+    (0.0, 0.0)
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
@@ -295,6 +323,14 @@ def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> flo
     ------
     OceanError
         If the mean is zero.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import pooled_rms
+    >>> pooled_rms(ocean, np.full(ocean["depth"].size, 0.25), down_to=500.0)
+    0.5
     """
     z = np.asarray(ocean["depth"].values, dtype=float)
     edges = np.minimum(layer_edges(z), np.inf if down_to is None else down_to)

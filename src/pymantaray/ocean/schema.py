@@ -111,6 +111,23 @@ def assemble_ocean(
     Returns
     -------
     xarray.Dataset
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.ocean import assemble_ocean
+    >>> axes = {"depth": [0, 100], "lat": [74, 75, 76, 77], "lon": [-140, -139, -138, -137]}
+    >>> still = dict.fromkeys(["water_temp", "water_u", "water_v"], np.zeros((2, 4, 4)))
+    >>> ocean = assemble_ocean(
+    ...     {name: np.array(axis, dtype=float) for name, axis in axes.items()},
+    ...     np.datetime64("2026-03-10", "ns"),
+    ...     still | {"salinity": np.full((2, 4, 4), 30.0)},
+    ...     title="Test Sea",
+    ...     source="made up",
+    ...     synthetic=True,
+    ... )
+    >>> dict(ocean.sizes)
+    {'depth': 2, 'lat': 4, 'lon': 4}
     """
     ocean = xr.Dataset(
         {
@@ -147,6 +164,14 @@ def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import with_history
+    >>> with_history(ocean, "checked by hand").attrs["history"].splitlines()[-1]
+    'checked by hand'
     """
     if not line.strip() or len(line.splitlines()) != 1:
         raise OceanError(
@@ -192,6 +217,16 @@ def validate_ocean(ocean: xr.Dataset) -> None:
     ------
     OceanError
         If the data set is invalid. The message is the first violation.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import validate_ocean
+    >>> validate_ocean(ocean.drop_vars("salinity"))
+    Traceback (most recent call last):
+        ...
+    pymantaray.errors.OceanError: ocean: variable missing (salinity)...
     """
     for finding in violations(ocean):
         if finding.severity == "wrong":

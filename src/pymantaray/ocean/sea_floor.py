@@ -79,6 +79,14 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     -------
     xarray.DataArray, dimensions (lat, lon)
         Depth; 0 on land, and the depth of the last level if it is valid. [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import sea_floor_depth
+    >>> float(sea_floor_depth(ocean).max())
+    3500.0
     """
     if SEA_FLOOR in ocean:
         return ocean[SEA_FLOOR]
@@ -118,6 +126,16 @@ def fill_below_sea_bed(field: AnyArray, lat: Array) -> Array:
     ------
     OceanError
         If the field has no wet column.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import fill_below_sea_bed
+    >>> temperature = ocean["water_temp"].values
+    >>> filled = fill_below_sea_bed(temperature, ocean["lat"].values)
+    >>> bool(np.isnan(temperature).any()), bool(np.isnan(filled).any())
+    (True, False)
     """
     filled = extended_down(np.asarray(field, dtype=float))
     wet = np.isfinite(filled[0])
@@ -283,6 +301,15 @@ def open_sea_floor(
     ellipsoid would differ by up to 100 m. GEBCO's standard name denotes this height, but its long
     name denotes sea level, which is correct. Without an ocean, a missing depth is land, as in
     models. A missing height raises an error.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import open_sea_floor, sea_floor_depth
+    >>> sea_floor_depth(ocean).to_netcdf("floor.nc")
+    >>> float(open_sea_floor("floor.nc").max())
+    3500.0
     """
     with open_file(path) as data:
         field = _field_of(data)

@@ -36,6 +36,15 @@ def stored_ocean(data: xr.Dataset) -> Path:
     pathlib.Path
         The file. Its name is the hash of the content, so equal data are written once. A run that
         names the file can be repeated as long as the cache exists.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import open_ocean, stored_ocean
+    >>> file = stored_ocean(ocean)
+    >>> dict(open_ocean(file).sizes)
+    {'depth': 40, 'lat': 5, 'lon': 11}
     """
     folder = cache_folder() / "oceans"
     try:

@@ -46,6 +46,15 @@ def region_table(
         One row per property, with its unit in the name. The column has the title of the ocean, so
         tables of several oceans can be joined. Widths are along parallels of the WGS 84 ellipsoid;
         the height is along the meridian.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import region_table
+    >>> column = region_table(ocean).squeeze()
+    >>> column["levels"], round(column["height [km]"], 1)
+    (40, 17.9)
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
@@ -97,6 +106,15 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     xarray.Dataset
         ``mean``, ``min`` and ``max`` [m/s] and ``count`` of wet points along ``depth``. Grid points
         have equal weights. NaN at levels without wet points.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import sound_speed_profile_spread
+    >>> level = sound_speed_profile_spread(ocean).sel(depth=100.0)
+    >>> [round(float(level[name]), 1) for name in ("min", "mean", "max")]
+    [1449.0, 1449.6, 1450.4]
     """
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
     speed = xr.DataArray(

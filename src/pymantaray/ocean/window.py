@@ -246,6 +246,14 @@ def crop_around(
     ------
     OceanError
         If the centre or the domain is not inside the ocean.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import crop_around
+    >>> dict(crop_around(ocean, (78.0, 0.0), (3e3, 3e3)).sizes)
+    {'depth': 40, 'lat': 3, 'lon': 5}
     """
     ocean = centred(ocean, centre)
     window = Window.of(ocean, centre)
@@ -266,6 +274,14 @@ def window_of(ocean: xr.Dataset) -> GeographicWindow:
     -------
     tuple of float
         South, north, west, east. [degrees]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.ocean import window_of
+    >>> [round(edge, 2) for edge in window_of(ocean)]
+    [77.92, 78.08, -0.4, 0.4]
     """
     lat = ocean["lat"].values
     lon = ocean["lon"].values

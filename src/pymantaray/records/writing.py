@@ -54,6 +54,15 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     ------
     WriteError
         If the file cannot be written. The message gives the cause.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.records import whole_file
+    >>> with whole_file("notes.txt") as temporary:
+    ...     _ = temporary.write_text("two pings lost")
+    >>> Path("notes.txt").read_text()
+    'two pings lost'
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
@@ -171,6 +180,14 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
         File.
     replace : bool
         As in `whole_file`.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from pymantaray.records import read_netcdf, write_netcdf
+    >>> write_netcdf(xr.Dataset({"time": ("ping", [0.0, 600.0], {"units": "s"})}), "pings.nc")
+    >>> dict(read_netcdf("pings.nc").sizes)
+    {'ping': 2}
     """
     # xarray's own `to_netcdf` imports dask's scheduler if it is installed
     from netCDF4 import Dataset
@@ -263,6 +280,14 @@ def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
     ------
     RecordError
         If the file is missing or unreadable.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> from pymantaray.records import read_netcdf, write_netcdf
+    >>> write_netcdf(xr.Dataset({"time": ("ping", [0.0, 600.0], {"units": "s"})}), "pings.nc")
+    >>> print(read_netcdf("pings.nc")["time"].values)
+    [  0. 600.]
     """
     import xarray as xr
 

@@ -2,6 +2,26 @@
 Measurements of the vehicles: one module per sensor, acoustic ranges, and noise.
 
 Noise levels import quickly; the modules of ranges are imported on first use.
+
+Examples
+--------
+>>> import numpy as np
+>>> from pymantaray import Medium, Trajectories
+>>> from pymantaray.sensing import NoiseModel, PingSchedule, assemble, measure_ranges
+>>> truth = Trajectories(
+...     name=["A", "B"],
+...     role=["station", "station"],
+...     time=[0.0, 600.0],
+...     position=[[[0.0, 0.0, 20.0]] * 2, [[2000.0, 0.0, 400.0]] * 2],
+...     quaternion=[[[1.0, 0.0, 0.0, 0.0]] * 2] * 2,
+...     status=[[0, 0], [0, 0]],
+... )
+>>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+>>> schedule = PingSchedule(interval=600.0)
+>>> ranging = measure_ranges(truth, [], medium, schedule)
+>>> measurements = assemble(truth, [], ranging, NoiseModel())
+>>> print(ranging.truth.travel_time.round(4), measurements.refracted_range.round(1))
+[1.393 1.393] [2023.7 2040.8]
 """
 
 from typing import TYPE_CHECKING

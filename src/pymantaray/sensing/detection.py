@@ -29,7 +29,21 @@ from pymantaray.sensing.schedule import chances
 
 @dataclass(frozen=True, eq=False)
 class Hearing(Record):
-    """Detection probability of each range attempt, row by row those of a `Measurements` record."""
+    """
+    Detection probability of each range attempt, row by row those of a `Measurements` record.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.acoustics import Sonar
+    >>> from pymantaray.sensing import Detector, Hearing, ReceptionOptions, measure_ranges
+    >>> sonar = Sonar(source_level_db=150.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=40.0)
+    >>> reception = ReceptionOptions(detector=Detector(sonar))
+    >>> hearing = Hearing(measure_ranges(truth, [], medium, schedule, reception).probability)
+    >>> print(hearing.probability.round(2))
+    [0.28 0.28]
+    """
 
     kind: ClassVar[str] = "hearing"
 
@@ -56,6 +70,17 @@ class Detector:
     coherent : bool or "auto"
         Interference of the arrivals of a link, see `pymantaray.acoustics.received_loss_db`; by
         default, arrivals interfere if the sonar's band does not separate them.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.acoustics import Absorption, Sonar
+    >>> from pymantaray.sensing import Detector, ReceptionOptions, measure_ranges
+    >>> sonar = Sonar(source_level_db=165.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=40.0)
+    >>> reception = ReceptionOptions(detector=Detector(sonar, Absorption.thorp()))
+    >>> print(measure_ranges(truth, [], medium, schedule, reception).probability.round(2))
+    [0.43 0.43]
     """
 
     sonar: Sonar

@@ -20,6 +20,15 @@ class RangingDraws(Record):
     Columns of all range attempts that depend on the ice, by realization.
 
     Attempts are row by row those of a `Measurements` record.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import RangingDraws
+    >>> print(RangingDraws.of([ranging, ranging]).travel_time.round(4))
+    [[1.393 1.393]
+     [1.393 1.393]]
     """
 
     kind: ClassVar[str] = "ranging_draws"

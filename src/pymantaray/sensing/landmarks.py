@@ -26,6 +26,15 @@ class Landmark:
     sigma : float, optional
         Standard deviation of each axis of the survey, which replaces that of the noise model. A
         large value means that the fleet has to locate the landmark. [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import Landmark, measure_ranges
+    >>> ranging = measure_ranges(truth, [Landmark("L", [1000.0, 500.0, 900.0])], medium, schedule)
+    >>> ranging.attempts.receiver.tolist(), ranging.truth.distance.round(1).tolist()
+    ([1, 2, 0, 2], [2035.8, 1422.8, 2035.8, 1224.7])
     """
 
     name: str

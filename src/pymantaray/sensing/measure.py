@@ -57,6 +57,14 @@ def assemble(
     Returns
     -------
     Measurements
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import NoiseModel, assemble
+    >>> assemble(truth, [], ranging, NoiseModel(range_sigma=0.5)).range_sigma
+    array([0.5, 0.5])
     """
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth, altitude)
@@ -140,6 +148,15 @@ def perturb(
     Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or
     sensor does not change any draw. A range attempt has one draw for both of its ranges, detected
     or not. Therefore all conditions have the same noise.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import perturb
+    >>> noisy = perturb(measurements, root_seed=1, realization=0)
+    >>> print((noisy.straight_range - measurements.straight_range).round(2))
+    [-0.3   0.59]
     """
 
     def normal(shape: tuple[int, ...], *names: str) -> Array:

@@ -65,6 +65,13 @@ class Picker:
     `below_strongest_db` below the predicted level of the strongest, :math:`\sigma` is 6 dB, and if
     nothing passes the receiver takes the arrival predicted to be strongest; ``strongest-detected``
     has no threshold then.
+
+    Examples
+    --------
+    >>> from pymantaray.sensing import Picker
+    >>> picker = Picker("first-detected", below_strongest_db=6.0)
+    >>> print(picker.probabilities([80.0, 75.0], link=[0, 0], travel_time=[2.0, 2.1]).round(2))
+    [0.57 0.43]
     """
 
     rule: PickRule
@@ -294,6 +301,17 @@ def find_candidates(
     -----
     Without a sonar, losses consist only of the spreading of the arrivals, without reflection and
     absorption. Two-way, the receivers pick ping and answer independently.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import Picker, ReceptionOptions, find_candidates, measure_ranges
+    >>> reception = ReceptionOptions(max_surface_bounces=1)
+    >>> ranging = measure_ranges(truth, [], medium, schedule, reception)
+    >>> candidates = find_candidates(ranging, truth, Picker("strongest-detected"))
+    >>> print(candidates.attempt, candidates.probability.round(2))
+    [0 0 1 1] [0.49 0.51 0.49 0.51]
     """
     attempts = ranging.attempts
     receptions = pick_receptions(ranging.receptions, picker)
@@ -376,6 +394,15 @@ def draw_picks(
     The draws are those of `draw_unheard`, and the direct candidate is first. With the rule
     ``first-detected``, an attempt whose direct arrival is the earliest is therefore detected with
     mistakes if it is detected without them: mistakes replace missed detections.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import Picker, draw_picks, find_candidates
+    >>> candidates = find_candidates(ranging, truth, Picker("strongest-detected"))
+    >>> draw_picks(measurements, candidates, root_seed=1, realization=0)
+    array([0, 1])
     """
     return candidates.picks(
         chances(

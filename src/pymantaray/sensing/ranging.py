@@ -64,6 +64,14 @@ def link_positions(
     -------
     ndarray, shape (n_links, 3)
         Positions. [m]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import link_positions
+    >>> print(link_positions(truth, np.empty((0, 3)), ranging.links, "second"))
+    [[2000.    0.  400.]]
     """
     return _positions(truth, landmark_position, getattr(links, end), links.sample)
 
@@ -155,6 +163,15 @@ def measure_ranges(
     Except for the current, travel time is reciprocal. Therefore each unordered pair is solved once
     per sample, whichever of the two transmits. The two refracted ranges ``c t`` of a pair differ,
     because the sound speed is that at the transmitter (two-way: the initiator).
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import PingSchedule, measure_ranges
+    >>> ranging = measure_ranges(truth, [], medium, PingSchedule(interval=600.0))
+    >>> ranging.status.tolist(), ranging.truth.travel_time.round(4).tolist()
+    ([0, 0], [1.393, 1.393])
     """
     check_names(truth.name.tolist(), landmarks)
     attempts = schedule.attempts(

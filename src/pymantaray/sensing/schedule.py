@@ -149,6 +149,12 @@ class PingSchedule(Schedule):
         Time between pings. [s]
     start : float, optional
         Time of the first ping. Default: one interval after the start of the mission. [s]
+
+    Examples
+    --------
+    >>> from pymantaray.sensing import PingSchedule
+    >>> print(PingSchedule(interval=600.0).times(duration=1800.0))
+    [ 600. 1200. 1800.]
     """
 
     interval: float
@@ -196,6 +202,13 @@ class SlotSchedule(Schedule):
         Length of a slot, whose ping is at its start. [s]
     start : float
         Start of the first slot, from the start of the mission. [s]
+
+    Examples
+    --------
+    >>> from pymantaray.sensing import SlotSchedule
+    >>> schedule = SlotSchedule(("A", "B", "L"), slot=20.0)
+    >>> schedule.times(duration=90.0)
+    array([ 0., 20., 40., 60., 80.])
     """
 
     slots: tuple[str, ...]
@@ -250,6 +263,16 @@ class PingList(Schedule):
     receivers : sequence of sequence of str
         Vehicles or landmarks that listen to each ping; empty if all others listen. A landmark does
         not listen to a landmark.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import PingList, measure_ranges
+    >>> pings = PingList(time=(0.0, 600.0), transmitter=("A", "B"))
+    >>> attempts = measure_ranges(truth, [], medium, pings).attempts
+    >>> attempts.transmitter.tolist(), attempts.receiver.tolist()
+    ([0, 1], [1, 0])
     """
 
     time: tuple[float, ...]

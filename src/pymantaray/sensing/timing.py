@@ -37,6 +37,19 @@ class TwoWay:
     ----------
     turn_around : float
         Time between the arrival of the ping and the answer, on the responder's clock. [s]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import Clocks, OneWay, TwoWay, perturb
+    >>> clocks = Clocks(offset=[1e-3, 0.0], skew=[0.0, 0.0])
+    >>> draw = {"root_seed": 1, "realization": 0, "ranging_truth": ranging.truth}
+    >>> for timing in (OneWay(), TwoWay(turn_around=0.5)):
+    ...     noisy = perturb(measurements, timing=timing, clocks=clocks, **draw)
+    ...     print(noisy.refracted_range.round(2))
+    [2021.9  2042.82]
+    [2023.36 2041.35]
     """
 
     turn_around: float = 0.0
@@ -127,6 +140,18 @@ class Clocks:
         Clock minus true time at the start of the mission. [s]
     skew : array_like, shape (n_vehicles,)
         Rate of change of the offset. [-]
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import Clocks, perturb
+    >>> draw = {"root_seed": 1, "realization": 0, "ranging_truth": ranging.truth}
+    >>> for offset in (0.0, 1e-3):
+    ...     clocks = Clocks(offset=[offset, 0.0], skew=[0.0, 0.0])
+    ...     print(perturb(measurements, clocks=clocks, **draw).refracted_range.round(2))
+    [2023.36 2041.35]
+    [2021.9  2042.82]
     """
 
     offset: Array
@@ -170,6 +195,13 @@ class ClockModel:
         Standard deviation of the offset at the start of the mission. [s]
     skew_sigma : float
         Standard deviation of the skew. [-]
+
+    Examples
+    --------
+    >>> from pymantaray.sensing import ClockModel
+    >>> clocks = ClockModel(offset_sigma=1e-3, skew_sigma=1e-8)
+    >>> clocks.draw(["A", "B"], root_seed=1, realization=0).offset.round(6)
+    array([-0.000946, -0.000354])
     """
 
     offset_sigma: float = 0.0

@@ -166,6 +166,16 @@ def find_receptions(
     With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces:
     a link without a direct arrival has the status that it has if no bounces are allowed. With
     ``direct-or-first``, travel times of links with a direct arrival do not depend on them.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.sensing`:
+
+    >>> from pymantaray.sensing import ReceptionOptions, find_receptions
+    >>> ends = truth.position[:1, 0], truth.position[1:, 0]
+    >>> sound = find_receptions(*ends, medium, ReceptionOptions(max_surface_bounces=1))
+    >>> print(sound.status, sound.receptions.travel_time.round(4), sound.receptions.selected)
+    [0] [1.393  1.3993 1.393  1.3993] [1 0 1 0]
     """
     if reception.solved is not None:
         fresh = reception._replace(solved=None)

@@ -38,6 +38,14 @@ class Absorption:
     db_per_km : callable
         Function of positions (n, 3) north, east, down [m] and a frequency [Hz] that returns (n,)
         coefficients. [dB/km]
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.acoustics import Absorption
+    >>> absorption = Absorption.from_profile([0.0, 1000.0], [-1.0, 0.5], [28.0, 34.9])
+    >>> print(absorption.db_per_km(np.array([[0.0, 0.0, 100.0]]), 25e3).round(2))
+    [5.]
     """
 
     db_per_km: Callable[[Array, float], Array]

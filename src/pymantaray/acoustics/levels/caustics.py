@@ -165,6 +165,20 @@ def find_tails(
     cusp, where the fold is narrow, 0.2, 0.4 and 0.7) and extrapolated to the receiver, where x is
     negative: x and the time quadratically, because the phase needs a fraction of a cycle, the
     amplitudes linearly.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.acoustics import Medium, find_eigenrays, find_tails
+    >>> z = np.arange(0.0, 5001.0, 25.0)
+    >>> eta = 2.0 * (z - 1300.0) / 1300.0
+    >>> speed = 1500.0 * (1.0 + 0.00737 * (eta + np.exp(-eta) - 1.0))
+    >>> water = Medium.from_profile(z, speed, bottom_depth=5000.0)
+    >>> source, receiver = np.array([[0.0, 0.0, 300.0]]), np.array([[25e3, 0.0, 3150.0]])
+    >>> arrivals = find_eigenrays(water, source, receiver)
+    >>> tails = find_tails(water, source, receiver, arrivals, 200.0)
+    >>> arrivals.link.size, tails.link.size
+    (0, 1)
     """
     folds = _search(medium, source, receiver, arrivals, frequency_hz, bounces, threads)
     if not folds:

@@ -90,6 +90,17 @@ def received_loss_db(
     ----------
     .. [1] NIST Digital Library of Mathematical Functions, section 36.12(i): uniform approximation
        of integrals with coalescing critical points, also by continuation where these are complex.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import received_loss_db, transmission_loss
+    >>> loss = transmission_loss(medium, source, receiver, arrivals, 25e3)
+    >>> print(received_loss_db(arrivals, loss, 25e3, 5e3).round(1))
+    [70.  69.6]
+    >>> print(received_loss_db(arrivals, loss, 25e3, 10.0, coherent=True).round(1))
+    [63.8 63.8]
     """
     if not (isinstance(coherent, bool) or coherent == "auto"):
         raise AcousticsError(f"coherent is {coherent!r}; allowed: true, false and 'auto'")

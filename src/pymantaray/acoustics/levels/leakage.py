@@ -143,6 +143,16 @@ def find_leaks(
     -------
     Leaks
         Leaks of those links that have a ray within reach.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.acoustics import Leakage, Medium, find_leaks
+    >>> water = Medium.from_profile([0.0, 1000.0], [1480.0, 1450.0], bottom_depth=1000.0)
+    >>> source, receiver = np.array([[0.0, 0.0, 50.0]]), np.array([[4000.0, 0.0, 20.0]])
+    >>> leaks = find_leaks(water, source, receiver, Leakage(reach=100.0), 1000.0)
+    >>> print(leaks.place[:, 2].round(1), leaks.arrivals.spreading_db.round(1))
+    [32.1] [20.9]
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
 

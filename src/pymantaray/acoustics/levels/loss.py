@@ -105,6 +105,16 @@ def transmission_loss(
     AcousticsError
         If the frequency is not positive, or positions, arrivals and paths, with their bounces, do
         not match.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.acoustics`:
+
+    >>> from pymantaray.acoustics import Absorption, transmission_loss
+    >>> water = Absorption.thorp()
+    >>> loss = transmission_loss(medium, source, receiver, arrivals, 25e3, absorption=water)
+    >>> print(loss.total_db.round(1), loss.absorption_db.round(1))
+    [88.5 88.2] [18.5 18.6]
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     geometric = geometric_loss_db(source, receiver, arrivals)

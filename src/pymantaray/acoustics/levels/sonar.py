@@ -247,6 +247,12 @@ def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     -------
     ndarray
         As ``excess_db``.
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import probability_of_excess
+    >>> print(probability_of_excess([-6.0, 0.0, 6.0], 6.0).round(2))
+    [0.16 0.5  0.84]
     """
     excess = np.asarray(excess_db, dtype=float)
     if spread_db == 0.0:
@@ -284,6 +290,12 @@ def link_loss_db(
     -------
     ndarray, shape (n_links,)
         Infinite for a link without an arrival. [dB]
+
+    Examples
+    --------
+    >>> from pymantaray.acoustics import link_loss_db
+    >>> print(link_loss_db([76.0, 70.0, 80.0], [0, 0, 1], 3))
+    [70. 80. inf]
     """
     loss = np.asarray(loss_db, dtype=float)
     row = np.asarray(link, dtype=np.int64)

@@ -286,6 +286,16 @@ def open_atlas(path: str | Path) -> xr.Dataset:
     ------
     AtlasError
         If the file is not an atlas, or is damaged.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.atlas`:
+
+    >>> from pymantaray.apps.atlas import open_atlas
+    >>> atlas.to_netcdf("copy.nc")
+    >>> with open_atlas("copy.nc") as file:
+    ...     print(round(float(file["worst_range_error"].max()), 1))
+    103.1
     """
     check_regular(path, AtlasError, what="an atlas")
     try:
@@ -348,6 +358,17 @@ def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
         (over pairs and bearings), and for each threshold ``safe_to_<error>m_percent``, the
         percentage of locations and times in the water where every direct range error is within the
         threshold.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.atlas`:
+
+    >>> from pymantaray.apps.atlas import safety_table
+    >>> table = safety_table(atlas).round(1)
+    >>> table[["convention", "distance_m", "median_m"]].head(2)
+        convention  distance_m  median_m
+    0  transmitter      1000.0       0.9
+    1  transmitter      3000.0       3.0
     """
     rows = []
     water = (atlas["column_status"] == WATER).values

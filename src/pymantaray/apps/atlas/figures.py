@@ -113,6 +113,14 @@ def write_atlas_plots(
         longitude, or if a format is unknown.
     WriteError
         If a file cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.atlas`:
+
+    >>> from pymantaray.apps.atlas import write_atlas_plots
+    >>> [file.name for file in write_atlas_plots(atlas, "atlas") if file.suffix == ".png"]
+    ['atlas_safe.png', 'atlas_error.png', 'atlas_conventions.png']
     """
     if min(atlas.sizes["lat"], atlas.sizes["lon"]) < 2:
         raise ReportError("atlas: a map needs two latitudes and two longitudes at least")

@@ -56,6 +56,14 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     ------
     WriteError
         If the page cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.atlas`:
+
+    >>> from pymantaray.apps.atlas import write_atlas_page, write_atlas_plots
+    >>> write_atlas_page(atlas, write_atlas_plots(atlas, "atlas"), "atlas").name
+    'index.html'
     """
     errors = atlas["worst_range_error"]
     step = int(np.ceil(np.sqrt(errors.size / _MAX_NUMBERS))) if errors.size > _MAX_NUMBERS else 1

@@ -71,6 +71,14 @@ def run_atlas(
         If the scheduler does not answer, or workers have access to another folder.
     WriteError
         If a file cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.atlas`:
+
+    >>> from pymantaray.apps.atlas import run_atlas
+    >>> run_atlas(definition, "again.nc", workers=1).name
+    'again.nc'
     """
     check_scheduler(client)
     path = Path(out)

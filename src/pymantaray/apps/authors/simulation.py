@@ -242,6 +242,15 @@ def import_authors(file: str | Path) -> tuple[StudyConfig, tuple[str, ...]]:
         If a key is unknown, or the program refuses a value or cannot use it.
     OceanError
         If the water cannot be read.
+
+    Examples
+    --------
+    >>> from pymantaray import load_study
+    >>> from pymantaray.apps.authors import export_authors, import_authors
+    >>> _ = export_authors(load_study("quick"), "files")
+    >>> config, differences = import_authors("files/sim.json")
+    >>> config.mission.duration_h
+    24.0
     """
     path = Path(file)
     with errors_as(StudyError, OceanError):

@@ -87,7 +87,7 @@ class BellhopRays(Record):
 
 
 def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
-    """
+    r"""
     Read an `.arr` file of BELLHOP or BELLHOP3D, text or binary; arrivals have the order of the
     file, not that of time.
 
@@ -109,6 +109,15 @@ def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
     ------
     AcousticsError
         If the file is unreadable, damaged, older, or has an irregular grid of receivers.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.bellhop import read_bellhop_arrivals
+    >>> numbers = "10000 1 500 1 400 1 1000 1 1 9.5e-5 0 0.6692 0 -3 -3 0 0"
+    >>> _ = Path("link.arr").write_text(f"'2D'\n{numbers}")
+    >>> print(read_bellhop_arrivals("link.arr").travel_time)
+    [0.6692]
     """
     file = Path(path)
     content = _content(file)
@@ -152,6 +161,16 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
     ------
     AcousticsError
         If the file is unreadable or damaged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.bellhop import read_bellhop_rays
+    >>> head = "'one ray' 10000 1 1 1 1 1 0 2000 'rz'"
+    >>> _ = Path("link.ray").write_text(f"{head} -30 2 0 0 0 500 346.41 300")
+    >>> print(read_bellhop_rays("link.ray").position)
+    [[  0.     0.   500.  ]
+     [346.41   0.   300.  ]]
     """
     file = Path(path)
     parts = _RAYS.match(_content(file).decode("utf-8", "replace"))

@@ -177,6 +177,13 @@ def compare_with_bellhop(
     until an arrival without a bounce exists; the earliest one counts. Bellhop stores positions
     relative to the source and travel times in single precision. This alone causes differences of up
     to about half a microsecond.
+
+    Examples
+    --------
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.bellhop import compare_with_bellhop, linear_medium
+    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+    >>> compare_with_bellhop(linear_medium(medium), [0, 0, 50], [3000, 0, 400])  # doctest: +SKIP
     """
     options = options or BellhopOptions()
     binary = find_bellhop(program)

@@ -83,6 +83,14 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
         If the folder for the results is not empty or in use.
     WriteError
         If the file exists or cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.study`:
+
+    >>> from pymantaray.apps.export import export_run
+    >>> sorted(path.name for path in export_run(run, "tum", "tum").iterdir())[:2]
+    ['odometry-A.tum', 'odometry-B.tum']
     """
     if to not in FORMATS:
         raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")

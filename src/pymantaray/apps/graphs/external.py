@@ -84,17 +84,10 @@ class GraphResult:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
-    >>> lines = [
-    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
-    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
-    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
-    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
-    ... ]
-    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
-    >>> from pymantaray.apps.graphs import open_graph, solve_graph
-    >>> result = solve_graph(open_graph("graph.pyfg"))
+    Continues the example of `pymantaray.apps.graphs`:
+
+    >>> from pymantaray.apps.graphs import solve_graph
+    >>> result = solve_graph(opened)
     >>> result.start, result.solution.status.name
     ('file', 'OK')
     """
@@ -403,19 +396,12 @@ def solve_graph(
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
-    >>> lines = [
-    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
-    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
-    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
-    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
-    ... ]
-    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
-    >>> from pymantaray.apps.graphs import open_graph, solve_graph
-    >>> result = solve_graph(open_graph("graph.pyfg"), start="dead-reckoning")
-    >>> result.solution.status.name
-    'OK'
+    Continues the example of `pymantaray.apps.graphs`:
+
+    >>> from pymantaray.apps.graphs import solve_graph
+    >>> result = solve_graph(opened, start="dead-reckoning")
+    >>> print(result.solution.status.name, result.solution.position.round(1).tolist())
+    OK [[0.0, 0.0, 0.0], [10.1, 0.0, 0.0]]
     """
     # refuse unknown names, and random starts of a single start
     if isinstance(estimator, str) and estimator not in METHODS:
@@ -637,17 +623,10 @@ def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) 
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
-    >>> lines = [
-    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
-    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
-    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
-    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
-    ... ]
-    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
-    >>> from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
-    >>> result = solve_graph(open_graph("graph.pyfg"))
+    Continues the example of `pymantaray.apps.graphs`:
+
+    >>> from pymantaray.apps.graphs import solve_graph, to_gtsam
+    >>> result = solve_graph(opened)
     >>> factors, start = to_gtsam(result.graph, result.initial)
     >>> factors.size()
     2

@@ -297,17 +297,10 @@ class Certificate:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
-    >>> lines = [
-    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
-    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
-    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
-    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
-    ... ]
-    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
-    >>> from pymantaray.apps.graphs import certify, open_graph, solve_graph
-    >>> result = solve_graph(open_graph("graph.pyfg"))
+    Continues the example of `pymantaray.apps.graphs`:
+
+    >>> from pymantaray.apps.graphs import certify, solve_graph
+    >>> result = solve_graph(opened)
     >>> proof = certify(result.graph, result.solution.values)
     >>> proof.certified, proof.lower_bound <= proof.cost
     (True, True)
@@ -358,17 +351,10 @@ def certify(graph: FactorGraph, values: GraphValues) -> Certificate:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> noise = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
-    >>> lines = [
-    ...     "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1",
-    ...     "VERTEX_SE3:QUAT 1 A1 10 0 0 0 0 0 1",
-    ...     f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {noise}",
-    ...     f"EDGE_SE3:QUAT 1 A0 A1 10.1 0 0 0 0 0 1 {noise}",
-    ... ]
-    >>> _ = Path("graph.pyfg").write_text("\n".join(lines))
-    >>> from pymantaray.apps.graphs import certify, open_graph, solve_graph
-    >>> result = solve_graph(open_graph("graph.pyfg"))
+    Continues the example of `pymantaray.apps.graphs`:
+
+    >>> from pymantaray.apps.graphs import certify, solve_graph
+    >>> result = solve_graph(opened)
     >>> certify(result.graph, result.solution.values).certified
     True
     """

@@ -1,4 +1,28 @@
-"""Estimation of node positions and their covariance from a survey of travel times."""
+"""
+Estimation of node positions and their covariance from a survey of travel times.
+
+Examples
+--------
+>>> import numpy as np
+>>> from pymantaray import Medium, find_eigenrays
+>>> from pymantaray.apps.locate import LocateOptions, Node, Survey, locate
+>>> water = Medium.from_profile([0.0, 1500.0], [1500.0, 1510.0], bottom_depth=1500.0)
+>>> bearing = np.linspace(0.0, 12.0, 60)
+>>> ship = np.stack([900.0 * np.cos(bearing), 900.0 * np.sin(bearing), 0.0 * bearing], axis=-1)
+>>> rays = find_eigenrays(water, ship, np.tile([30.0, -20.0, 1300.0], (60, 1)))
+>>> noise = 1e-4 * np.random.default_rng(1).standard_normal(60)
+>>> survey = Survey(
+...     nodes=(Node("M1", (0.0, 0.0, 1300.0)),),
+...     node=np.zeros(60, dtype=int),
+...     time=60.0 * np.arange(60),
+...     travel_time=2.0 * rays.travel_time + noise,
+...     transmit_position=ship,
+...     receive_position=ship,
+... )
+>>> location = locate(survey, water, LocateOptions(earth="flat"))
+>>> print(location.positions.round(1))
+[[  30.  -20. 1300.]]
+"""
 
 from typing import TYPE_CHECKING
 

@@ -229,6 +229,15 @@ def read_campaign(path: str | Path) -> Campaign:
     ------
     LocateError
         If the file cannot be read or contains no campaign.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.locate`:
+
+    >>> from pymantaray.apps.locate import read_campaign, write_location_page
+    >>> campaign = read_campaign(write_location_page(location, "M1").parent)
+    >>> campaign.names, campaign.covariance.shape
+    (['M1'], (3, 3))
     """
     file = Path(path)
     file = file / CAMPAIGN_FILE if file.is_dir() else file
@@ -328,6 +337,18 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
     The unknown arrangement of the array is shared: with positions :math:`a` and :math:`a + D`, the
     maximum of the joint likelihood over :math:`a` and :math:`D` is the generalized least-squares
     mean of the differences of all nodes, whose covariance is the sum of both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.apps.locate import Campaign, displacement_between
+    >>> place, covariance = np.array([[30.0, -20.0, 1300.0]]), 1e-4 * np.eye(3)
+    >>> years = [np.datetime64(year, "ns") for year in ("2024-07-01", "2026-07-01")]
+    >>> earlier = Campaign(["M1"], place, covariance, None, years[0], "2024")
+    >>> later = Campaign(["M1"], place + [0.12, 0.0, 0.0], covariance, None, years[1], "2026")
+    >>> moved = displacement_between(later, earlier)
+    >>> print(moved.value.round(3), moved.sigma.round(3))
+    [0.12 0.   0.  ] [0.014 0.014 0.014]
     """
     names = [name for name in later.names if name in earlier.names]
     if not names:

@@ -618,6 +618,15 @@ def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None)
     LocateError
         If units or signs are impossible, the profile ends above a node, or the model explains no
         ping.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.locate`:
+
+    >>> from pymantaray.apps.locate import LocateOptions, locate
+    >>> location = locate(survey, water, LocateOptions(speed_model="known", earth="flat"))
+    >>> location.usable, location.positions.round(1).tolist()
+    (True, [[30.0, -20.0, 1300.0]])
     """
     # prepare
     selected = options or LocateOptions()

@@ -75,6 +75,15 @@ def write_location_page(
     ------
     JobError
         If the folder is not empty or cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.locate`:
+
+    >>> from pymantaray.apps.locate import write_location_page
+    >>> page = write_location_page(location, "M1")
+    >>> page.name, (page.parent / "location.json").is_file()
+    ('index.html', True)
     """
     record = (made_by or {}) | {
         "earth": messages(location.earth),
@@ -356,6 +365,18 @@ def write_plan_figure(plan: SurveyPlan, out: Path) -> None:
         Plan of a survey.
     out : pathlib.Path
         File with the suffix ``.png`` or ``.pdf``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from pymantaray import Medium
+    >>> from pymantaray.apps.locate import PlanOptions, plan_survey, write_plan_figure
+    >>> water = Medium.from_profile([0.0, 1500.0], [1500.0, 1510.0], bottom_depth=1500.0)
+    >>> plan = plan_survey(water, PlanOptions(1300.0), np.array([1000.0]), shapes=("cross",))
+    >>> write_plan_figure(plan, Path("plan.png"))
+    >>> sorted(path.name for path in Path().glob("plan.*"))
+    ['plan.csv', 'plan.png']
     """
     kind = out.suffix.removeprefix(".")
     files = style.rendered(plan_figure(plan), (kind,))

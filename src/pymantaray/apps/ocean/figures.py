@@ -83,6 +83,14 @@ def write_ocean_plots(
         unknown.
     WriteError
         If a file cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.ocean`:
+
+    >>> from pymantaray.apps.ocean import write_ocean_plots
+    >>> [file.name for file in write_ocean_plots(ocean, "figures") if file.suffix == ".png"]
+    ['ocean_profiles.png', 'ocean_sections.png', 'ocean_map.png', 'ocean_sea_floor.png']
     """
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))

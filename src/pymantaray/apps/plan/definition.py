@@ -170,6 +170,16 @@ class DeploymentPlan:
     ------
     PlanError
         If a free key, a range, a name or an ocean does not fit the study.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.plan`:
+
+    >>> from pymantaray.apps.plan import DeploymentPlan, PlanSection
+    >>> section = PlanSection(free={"landmarks.T.depth": {"from": 5, "to": 25, "count": 3}})
+    >>> plan = DeploymentPlan(load_study("quick", landmarks=[receiver]), section)
+    >>> plan.size, plan.lists_at(1)
+    (3, {'landmarks.T.depth': 15.0})
     """
 
     base: StudyConfig
@@ -372,7 +382,7 @@ class DeploymentPlan:
 
 
 def load_plan(file: str | Path, **changes: Any) -> DeploymentPlan:
-    """
+    r"""
     Read a study file with a section ``[plan]``.
 
     Parameters
@@ -395,7 +405,12 @@ def load_plan(file: str | Path, **changes: Any) -> DeploymentPlan:
 
     Examples
     --------
-    >>> plan = load_plan("mission.toml")  # doctest: +SKIP
+    >>> from pathlib import Path
+    >>> from pymantaray.apps.plan import load_plan
+    >>> lines = ['base = "quick"', "[plan.free]", '"mission.ping_interval_h" = [0.5, 1.0, 2.0]']
+    >>> _ = Path("mission.toml").write_text("\n".join(lines))
+    >>> load_plan("mission.toml").size
+    3
     """
     path = Path(file)
     tree = plan_tree(path)

@@ -62,6 +62,14 @@ def write_plan_page(
     ------
     JobError
         If the folder is not empty or cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.plan`:
+
+    >>> from pymantaray.apps.plan import write_plan_page
+    >>> write_plan_page(results, "plan").name
+    'index.html'
     """
     section = results.plan.section.model_dump(mode="json", exclude_none=True)
     record = (made_by or {}) | {"plan": section}

@@ -72,7 +72,12 @@ def search_designs(
 
     Examples
     --------
-    >>> results = search_designs(load_plan("mission.toml"))  # doctest: +SKIP
+    Continues the example of `pymantaray.apps.plan`:
+
+    >>> from pymantaray.apps.plan import search_designs
+    >>> results = search_designs(plan, workers=1)
+    >>> results.best, results.frame["lost_percent"].round(1).tolist()
+    (0, [13.6, 45.5])
     """
     most = plan.size * (
         plan.section.evaluations * len(plan.section.objectives) if plan.ranges else 1

@@ -72,10 +72,13 @@ def measure(
 
     Examples
     --------
+    Continues the example of `pymantaray.sensing`:
+
     >>> from pymantaray.apps.ranges import measure
-    >>> from pymantaray.evaluation import range_error_table
-    >>> run = measure("mission.csv", "synthetic:beaufort", 600.0)  # doctest: +SKIP
-    >>> range_error_table(run.measurements, run.ranging_truth, run.truth)  # doctest: +SKIP
+    >>> sea = {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}
+    >>> run = measure(truth, sea, 600.0)
+    >>> print(run.ranging_truth.travel_time.round(4))
+    [1.4026 1.4026]
     """
     if not isinstance(schedule, Schedule):
         schedule = PingSchedule(float(schedule))

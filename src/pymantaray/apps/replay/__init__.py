@@ -1,4 +1,25 @@
-"""Comparison of measured with predicted travel times: residuals, coverage and clocks."""
+"""
+Comparison of measured with predicted travel times: residuals, coverage and clocks.
+
+Examples
+--------
+>>> import numpy as np
+>>> import pandas as pd
+>>> from pymantaray import Medium
+>>> from pymantaray.apps.replay import read_events, replay_events
+>>> names = ["source_north", "source_east", "source_depth"]
+>>> names += ["receiver_north", "receiver_east", "receiver_depth", "travel_time"]
+>>> there, back = [0, 0, 30, 1500, 0, 150, 1.0330], [1500, 0, 150, 0, 0, 30, 1.0290]
+>>> table = pd.DataFrame([there, back] * 3, columns=names).assign(
+...     time=60.0 * np.arange(6), source=["A", "B"] * 3, receiver=["B", "A"] * 3
+... )
+>>> table.to_csv("events.csv", index=False)
+>>> events = read_events("events.csv")
+>>> water = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
+>>> replay = replay_events(events, water)
+>>> replay.events["status"].value_counts().to_dict()
+{'ok': 6}
+"""
 
 from typing import TYPE_CHECKING
 

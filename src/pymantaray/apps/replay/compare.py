@@ -332,17 +332,12 @@ def replay_events(
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> axes = ("north", "east", "depth")
-    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
-    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
-    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
-    >>> from pymantaray import Medium
-    >>> from pymantaray.apps.replay import read_events, replay_events
-    >>> water = Medium.from_profile([0.0, 500.0], [1450.0, 1458.0], bottom_depth=500.0)
-    >>> replay = replay_events(read_events("events.csv"), water)
+    Continues the example of `pymantaray.apps.replay`:
+
+    >>> from pymantaray.apps.replay import replay_events
+    >>> replay = replay_events(events, water)
     >>> replay.events["status"].tolist()
-    ['ok']
+    ['ok', 'ok', 'ok', 'ok', 'ok', 'ok']
     """
     rule = checked_rule(events, rule, options, window, reference)
     waters = _waters(waters)

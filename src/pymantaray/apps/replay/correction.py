@@ -28,6 +28,18 @@ def correct_events(events: Events, replay: Replay) -> Events:
     Returns
     -------
     Events
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.replay`:
+
+    >>> from pymantaray.apps.replay import correct_events
+    >>> print(replay.clocks[["node", "offset_s"]].round(4))
+      node  offset_s
+    0    A    -0.001
+    1    B     0.001
+    >>> print(correct_events(events, replay).travel_time.round(4))
+    [1.031 1.031 1.031 1.031 1.031 1.031]
     """
     ends = {"source": events.source, "receiver": events.receiver, "time_s": events.time}
     clocks = replay.clocks

@@ -64,15 +64,10 @@ class Events:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from pymantaray.apps.replay import read_events
-    >>> axes = ("north", "east", "depth")
-    >>> ends = [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
-    >>> head = ",".join(["time", "source", "receiver", *ends, "travel_time"])
-    >>> _ = Path("events.csv").write_text(head + "\n0,A,B,0,0,30,1500,0,150,1.03\n")
-    >>> events = read_events("events.csv")
-    >>> events.receiver.tolist()
-    ['B']
+    Continues the example of `pymantaray.apps.replay`:
+
+    >>> events.receiver.tolist(), events.geographic
+    (['B', 'A', 'B', 'A', 'B', 'A'], False)
     """
 
     time: Array

@@ -78,6 +78,14 @@ def write_replay(
     ------
     JobError
         If the folder is not empty or cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.replay`:
+
+    >>> from pymantaray.apps.replay import write_replay
+    >>> write_replay(replay, "replay").name
+    'index.html'
     """
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (
         made_by or {}

@@ -3,6 +3,15 @@ Whole studies: realizations, conditions and the run folder. `pymantaray.config` 
 configuration files.
 
 Modules that only a run needs are imported at their first use.
+
+Examples
+--------
+>>> from pymantaray import load_study
+>>> from pymantaray.apps.study import run_study
+>>> hours = {"mission.duration_h": 1.0, "mission.ping_interval_h": 0.5}
+>>> run = run_study(load_study("quick", realizations=2, **hours), "run", workers=1)
+>>> run.estimates.position.shape[:2]
+(3, 2)
 """
 
 from typing import TYPE_CHECKING

@@ -143,6 +143,15 @@ def write_comparison(
     MantaRayError
         If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file
         cannot be written. No files remain then.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.study`:
+
+    >>> from pymantaray.apps.study import run_study, write_comparison
+    >>> exact = load_study("quick", realizations=2, **hours, **{"noise.range_sigma": 0.1})
+    >>> write_comparison([run.path, run_study(exact, "exact", workers=1).path], "both").name
+    'index.html'
     """
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")

@@ -51,6 +51,15 @@ def write_report(
     MantaRayError
         If the folder is not a run, a file of the run is damaged, or a file cannot be written. The
         folder does not change then.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.study`:
+
+    >>> from pymantaray.apps.study import write_report
+    >>> page = write_report(run.path)
+    >>> page.name, (page.parent / "tables" / "ping_error.csv").is_file()
+    ('index.html', True)
     """
     page, failures = report_of(run_dir, formats=formats, progress=progress)
     for line in failures:

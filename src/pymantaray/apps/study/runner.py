@@ -96,8 +96,12 @@ def run_study(
 
     Examples
     --------
-    >>> from pymantaray import load_study
-    >>> run = run_study(load_study("quick"))  # doctest: +SKIP
+    Continues the example of `pymantaray.apps.study`:
+
+    >>> from pymantaray.apps.study import run_study
+    >>> run = run_study(load_study("quick", realizations=1, **hours), workers=1)
+    >>> run.estimates.condition.tolist(), run.estimates.position.shape[2:]
+    (['odometry', 'straight', 'refracted'], (11, 19, 3))
     """
     if not config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
         LOG.warning(

@@ -1,4 +1,17 @@
-"""Sweeps: many studies (points) with shared stages, and one table of their results."""
+"""
+Sweeps: many studies (points) with shared stages, and one table of their results.
+
+Examples
+--------
+>>> from pymantaray import load_study
+>>> from pymantaray.apps.sweep import Sweep, run_sweep
+>>> hours = {"mission.duration_h": 1.0, "mission.ping_interval_h": 0.5}
+>>> study = load_study("quick", realizations=1, **hours)
+>>> sweep = Sweep(study, cross={"noise.range_sigma": [0.5, 2.0]})
+>>> results = run_sweep(sweep, "sweep", workers=1)
+>>> results.status()
+Status(points=2, done=2, failed=0, failures={})
+"""
 
 from typing import TYPE_CHECKING
 

@@ -57,6 +57,16 @@ def write_sweep_page(
     ------
     WriteError
         If the page cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.sweep`:
+
+    >>> from pymantaray.apps.sweep import write_sweep_page
+    >>> table = results.table()
+    >>> table.to_csv("table.csv", index=False)
+    >>> write_sweep_page(table, ["noise.range_sigma"], ".", title="Range noise").name
+    'index.html'
     """
     numbers = [
         str(name)

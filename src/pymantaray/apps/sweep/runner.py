@@ -80,6 +80,14 @@ def run_sweep(
         another folder.
     WriteError
         If the store cannot be written.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.apps.sweep`:
+
+    >>> from pymantaray.apps.sweep import run_sweep
+    >>> run_sweep(Sweep(study, seeds=[1]), "seeds", workers=1).table()["status"].tolist()
+    ['done', 'done', 'done']
     """
     check_scheduler(client)
     plan = SweepPlan(sweep)

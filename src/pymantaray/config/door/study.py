@@ -132,7 +132,17 @@ def build_landmarks(config: StudyConfig) -> tuple[Landmark, ...]:
 
 
 def build_study(config: StudyConfig) -> Study:
-    """Study of a configuration that is complete, see `with_tracks`."""
+    """
+    Study of a configuration that is complete, see `with_tracks`.
+
+    Examples
+    --------
+    >>> from pymantaray.config import load_study
+    >>> from pymantaray.config.door import build_study
+    >>> study = build_study(load_study("quick"))
+    >>> study.duration, study.realizations, len(study.conditions)
+    (86400.0, 3, 3)
+    """
     sensors = {name: config.noise.of_other(name) for name in config.mission.sensors}
     other_sensors(sensors)  # all of them can be imported
     return Study(

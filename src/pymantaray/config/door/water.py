@@ -141,6 +141,15 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
     Returns
     -------
     Water
+
+    Examples
+    --------
+    >>> from pymantaray.config import load_sound
+    >>> from pymantaray.config.door import water_of
+    >>> sizes = {"ocean.half_extent_north": 10e3, "ocean.half_extent_east": 10e3}
+    >>> water = water_of(load_sound("quick", **sizes))
+    >>> print(water.medium.sound_speed_at([[0.0, 0.0, 100.0]]).round(1))
+    [1441.8]
     """
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 

@@ -55,6 +55,14 @@ def build_graph(
     See Also
     --------
     CONDITIONS : names of these choices in a study.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import build_graph
+    >>> build_graph(noisy, "straight").n_factors, build_graph(noisy).n_factors
+    (10, 8)
     """
     graph = with_ranges(_without_ranges(measurements), measurements, ranges, links)
     check_graph(graph)

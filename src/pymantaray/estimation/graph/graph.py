@@ -360,7 +360,20 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class GraphValues(Record):
-    """Values of all variables of a `FactorGraph`: starting values or an estimate."""
+    """
+    Values of all variables of a `FactorGraph`: starting values or an estimate.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import GraphSolver, GraphValues
+    >>> values = GraphValues(
+    ...     truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), np.empty((0, 3))
+    ... )
+    >>> GraphSolver().solve(graph, values).status.name
+    'OK'
+    """
 
     kind: ClassVar[str] = "graph_values"
 

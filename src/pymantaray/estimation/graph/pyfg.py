@@ -146,6 +146,16 @@ def write_pyfg(
     ----------
     .. [1] PyFactorGraph, ``py_factor_graph/io/pyfg_text.py`` and ``utils/matrix_utils.py``,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pathlib import Path
+    >>> from pymantaray.estimation import write_pyfg
+    >>> write_pyfg(graph, "graph.pyfg", initial=start)
+    >>> Path("graph.pyfg").read_text().count("VERTEX_SE3:QUAT ")
+    4
     """
     _write(graph, Path(path), initial, None)
 
@@ -263,6 +273,15 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     prior if north and east are free too, as do the ranges that `write_pyfg` writes for depths. Time
     stamps of factors are checked and not kept: a factor has the time of its poses. In files of
     PyFactorGraph, vertices are the ground truth.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import read_pyfg, write_pyfg
+    >>> write_pyfg(graph, "graph.pyfg", initial=start)
+    >>> read_pyfg("graph.pyfg")[0]
+    <FactorGraph: 2 vehicles, 0 landmarks, 4 poses>
     """
     file = load_pyfg(path)
     return file.graph, file.values

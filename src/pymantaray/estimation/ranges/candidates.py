@@ -171,7 +171,23 @@ class MixtureOptions:
 
 
 class CandidateModel(RangeModel):
-    """Base of range models that predict all arrivals that a receiver may take."""
+    """
+    Base of range models that predict all arrivals that a receiver may take.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import MixtureOptions, RangeEndpoints
+    >>> from pymantaray.range_models.candidate_rays import CandidateRays
+    >>> from pymantaray.sensing import OneWay, ReceptionOptions
+    >>> reception = ReceptionOptions(max_surface_bounces=1)
+    >>> model = CandidateRays(medium, reception, OneWay(), MixtureOptions(null_weight=0.05))
+    >>> ends = truth.position[0, :1], truth.position[1, :1]
+    >>> links = RangeEndpoints(np.zeros(1), *ends, sound_speed=np.array([1452.0]))
+    >>> print(model.candidates(links).travel_time.round(4))
+    [1.393  1.3993]
+    """
 
     mixture: MixtureOptions
 

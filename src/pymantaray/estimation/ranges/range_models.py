@@ -184,7 +184,18 @@ class TravelTimeUncertainty(ABC):
 
 
 class ConstantSpeed(RangeModel):
-    """One positive finite sound speed for all water. [m/s]."""
+    """
+    One positive finite sound speed for all water. [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.estimation import ConstantSpeed, RangeEndpoints
+    >>> ends = np.array([[0.0, 0.0, 20.0]]), np.array([[2000.0, 0.0, 400.0]])
+    >>> links = RangeEndpoints(np.zeros(1), *ends, sound_speed=np.array([1452.0]))
+    >>> print(ConstantSpeed(1460.0).predict(links).travel_time.round(4))
+    [1.3944]
+    """
 
     def __init__(self, sound_speed: float) -> None:
         if not (sound_speed > 0.0 and np.isfinite(sound_speed)):
@@ -218,7 +229,18 @@ class ConstantSpeed(RangeModel):
 
 
 class TransmitterSpeed(RangeModel):
-    """The sound speed measured at the transmitter for the whole link: the paper's c_i."""
+    """
+    The sound speed measured at the transmitter for the whole link: the paper's c_i.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.estimation import RangeEndpoints, TransmitterSpeed
+    >>> ends = np.array([[0.0, 0.0, 20.0]]), np.array([[2000.0, 0.0, 400.0]])
+    >>> links = RangeEndpoints(np.zeros(1), *ends, sound_speed=np.array([1452.0]))
+    >>> print(TransmitterSpeed().predict(links).travel_time.round(4))
+    [1.4021]
+    """
 
     needs_sound_speed = True
 
@@ -270,6 +292,16 @@ class MeanSlowness(RangeModel):
     :math:`g` between :math:`c_1` and :math:`c_2` the integral is :math:`\ln(c_2 / c_1) / g`. The
     harmonic mean of the sound speed is its inverse. Exact for vertical rays, which are straight; by
     Fermat's principle never earlier than the ray for others.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.estimation import MeanSlowness, RangeEndpoints
+    >>> ends = np.array([[0.0, 0.0, 20.0]]), np.array([[2000.0, 0.0, 400.0]])
+    >>> links = RangeEndpoints(np.zeros(1), *ends, sound_speed=np.array([1452.0]))
+    >>> model = MeanSlowness([0.0, 100.0, 1000.0], [1450.0, 1460.0, 1475.0])
+    >>> print(model.predict(links).travel_time.round(4))
+    [1.3933]
     """
 
     def __init__(self, depth: ArrayLike, sound_speed: ArrayLike) -> None:

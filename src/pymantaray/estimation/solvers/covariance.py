@@ -60,6 +60,13 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     ------
     EstimationError
         If the interval is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.estimation import fixed_epochs
+    >>> fixed_epochs(np.arange(0.0, 4000.0, 600.0), interval=1800.0)
+    array([3, 6])
     """
     if not interval > 0.0:
         raise EstimationError(f"interval of epochs is {interval:g} s; it must be positive")
@@ -124,6 +131,13 @@ def effective_degrees_of_freedom(covariance: Array) -> float:
     -------
     float
         From 1, for errors that are fully correlated, to the number of errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pymantaray.estimation import effective_degrees_of_freedom
+    >>> effective_degrees_of_freedom(np.diag([4.0, 4.0, 0.0]))
+    2.0
     """
     size = round(np.sqrt(covariance.size))
     matrix = covariance.reshape(size, size)
@@ -150,6 +164,12 @@ def rmse_standard_error(
     -------
     ndarray
         Standard error, first order in 1/(n nu). [m]
+
+    Examples
+    --------
+    >>> from pymantaray.estimation import rmse_standard_error
+    >>> print(rmse_standard_error(2.0, degrees_of_freedom=50.0, n_realizations=4))
+    0.1
     """
     count = 2.0 * n_realizations * np.asarray(degrees_of_freedom, dtype=float)
     return np.asarray(np.asarray(rmse, dtype=float) / np.sqrt(count))
@@ -194,6 +214,18 @@ def collect_covariances(
     ------
     EstimationError
         If there is no realization, or two of them have different conditions.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import collect_covariances, solve_conditions
+    >>> samples = np.array([1])
+    >>> solutions = solve_conditions(noisy, ["straight"], covariance_samples=samples)
+    >>> own = {name: solution.covariances for name, solution in solutions.items()}
+    >>> covariances = collect_covariances(noisy, samples, [own])
+    >>> print(np.sqrt(np.diagonal(covariances.pose_covariance[0, 0, 0, 0]))[3:].round(2))
+    [5.32 7.5  0.01]
     """
     conditions = checked_conditions(solutions)
     nothing = EpochCovariances.unknown(len(samples), measurements.name.size)

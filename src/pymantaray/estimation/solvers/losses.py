@@ -96,6 +96,12 @@ class Loss:
     .. [1] GTSAM, ``gtsam/nonlinear/GncOptimizer.h`` (functions initializeMu, updateMu), which names
        Yang, Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial
        Perception", as its source.
+
+    Examples
+    --------
+    >>> from pymantaray.estimation import Loss
+    >>> print(Loss("huber", scale=1.345).weight([0.5, 2.69]))
+    [1.  0.5]
     """
 
     kind: LossKind

@@ -58,6 +58,15 @@ def covariances_at(
     ------
     EstimationError
         If some direction is undetermined at the values.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import covariances_at
+    >>> covariances = covariances_at(graph, start, np.array([[1, 3]]))
+    >>> print(np.sqrt(np.diagonal(covariances.pose[0, 0]))[3:].round(2))
+    [5.32 7.5  0.01]
     """
     poses = check_poses(graph, poses)
     groups = epoch_groups(

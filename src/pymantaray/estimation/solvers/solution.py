@@ -34,6 +34,15 @@ class Method:
     gtsam : {"converged", "default"}, optional
         Use GTSAM's Levenberg-Marquardt optimizer: until the cost does not fall, or with its default
         parameters.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import GraphSolver, Loss, Method
+    >>> method = Method(loss=Loss("huber", scale=1.345))
+    >>> GraphSolver().solve(graph, start, method=method).status.name
+    'OK'
     """
 
     loss: Loss | None = None

@@ -47,6 +47,16 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     ------
     EstimationError
         If a vehicle has no first-pose prior or an odometry edge is not finite.
+
+    Examples
+    --------
+    Continues the example of `pymantaray.estimation`:
+
+    >>> from pymantaray.estimation import dead_reckon
+    >>> position, quaternion = dead_reckon(noisy)
+    >>> print(np.linalg.norm(position - truth.position, axis=-1).round(1))
+    [[ 0.2 15.2]
+     [ 0.2 13.6]]
     """
     for what, values in (
         (

@@ -54,6 +54,11 @@ def fetch_copernicus(
     or uses a stored login, and defines retries and time limits. The service returns potential
     temperature ``thetao``, practical salinity ``so`` and currents ``uo`` and ``vo`` on model levels
     ``depth``. The reader of CF files converts them to a valid ocean with in-situ temperature.
+
+    Examples
+    --------
+    >>> from pymantaray.ocean.fetch import fetch_copernicus
+    >>> result = fetch_copernicus((78, 79), (0, 4), "2014-07-15", "fram.nc")  # doctest: +SKIP
     """
     region = Region.of(lat, lon)
     day = parse_instant(time).astype("datetime64[D]").astype("datetime64[s]")

@@ -118,6 +118,11 @@ def fetch_hycom(
     ------
     OceanError
         If the download fails. The message gives the cause and the remedy.
+
+    Examples
+    --------
+    >>> from pymantaray.ocean.fetch import fetch_hycom
+    >>> result = fetch_hycom((78, 79), (0, 4), "2014-07-15T12:00", "fram.nc")  # doctest: +SKIP
     """
     region = Region.of(lat, lon)
     asked = parse_instant(time).astype("datetime64[s]")

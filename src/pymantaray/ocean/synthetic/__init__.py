@@ -133,6 +133,12 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
     sums of smooth functions of place and time, based on published water masses (see `beaufort` and
     `fram`). Eddies drift and fronts meander; nothing is random. Currents are in geostrophic balance
     with the density, plus a weak current that is constant over depth.
+
+    Examples
+    --------
+    >>> from pymantaray.ocean import synthetic_ocean
+    >>> dict(synthetic_ocean("fram").sizes)
+    {'depth': 40, 'lat': 75, 'lon': 237}
     """
     return _kept_ocean(region, parse_instant(time)).copy(deep=True)
 
