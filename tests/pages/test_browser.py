@@ -442,6 +442,18 @@ def test_narrow_tables_are_beside_each_other_on_a_wide_screen(chromium, replay_f
             assert overflow(opened.page) <= 0
 
 
+def test_more_results_are_beside_the_lead_on_a_wide_screen(chromium, page_file):
+    place = "document.querySelector('.answer {}').getBoundingClientRect()"
+    for width, beside in ((1440, False), (2560, True)):
+        for opened in open_page(chromium, page_file, width, "light"):
+            table, figure = (
+                opened.page.evaluate(place.format(one)) for one in ("table", "figure img")
+            )
+            assert (table["left"] > figure["right"]) == beside
+            assert (table["top"] > figure["bottom"]) != beside
+            assert table["right"] > 0.85 * width or not beside
+
+
 def test_a_replay_printed_at_once_has_all_its_figures(chromium, replay_file, tmp_path):
     page = chromium.new_page()
     page.goto(replay_file.as_uri())

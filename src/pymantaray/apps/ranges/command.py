@@ -97,8 +97,8 @@ def ranges(
         typer.Argument(
             callback=existing(),
             metavar="TRAJECTORIES",
-            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the"
-            " how-to.",
+            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF), ROS bags, GPX, or"
+            " NMEA logs; see the how-to.",
             show_default=False,
         ),
     ],
