@@ -258,6 +258,20 @@ def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, cap
     ]
 
 
+@pytest.mark.parametrize("width", [60, 80])
+def test_no_cell_is_cropped_beside_a_long_name(width, capsys, monkeypatch):
+    """ "5 to 1000 m" must not become "5 to 10"."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    row = ["BATS/1 2019-03-01T10:00:00", "2019-03-01 10:00 UTC", "31.7 N, 64.2 W", "4, 5 to 1000 m"]
+    heads = ("profile", "time", "position", "levels")
+    with printer() as out:
+        out.frame("profiles", [dict(zip(heads, row, strict=True))] * 2)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= width
+    for word in " ".join(row).split():
+        assert shown.split().count(word) >= 2, word
+
+
 def test_headings_break_between_words_and_wide_tables_continue_below(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     keys = ["landmarks.T.depth", "fleet.vehicles.A.depth", "noise.range_sigma"]

@@ -72,7 +72,7 @@ def odv(path, *, iso=True, repeat=False, scheme="QV:ODV:SALINITY", bad="8"):
 def test_a_spreadsheet_of_ocean_data_view_has_its_casts(tmp_path, iso, repeat):
     casts = read_casts(odv(tmp_path / "odv.txt", iso=iso, repeat=repeat))
     assert [cast.name for cast in casts] == ["AB12/St0", "AB12/St1"]
-    assert "1 value rejected by quality flags" in casts[0].notes
+    assert "whole file: 1 value rejected by quality flags" in casts[0].notes
     check_east_west(casts, {(1, 2)})
 
 
@@ -160,7 +160,7 @@ def test_flags_of_each_scheme_are_their_own(tmp_path, scheme, good, bad):
 def test_flags_of_an_unknown_scheme_are_reported(tmp_path):
     casts = read_casts(odv(tmp_path / "a.txt", scheme="QV:SMHI", bad="4"))
     assert casts[1].depth.size == 4
-    assert "quality flags of SMHI: read as those of SeaDataNet" in casts[0].notes
+    assert "whole file: quality flags of SMHI: read as those of SeaDataNet" in casts[0].notes
 
 
 def test_flags_behind_standard_deviations_are_of_the_values(tmp_path):
@@ -191,7 +191,7 @@ def test_hours_of_one_digit_are_hours(tmp_path, clock):
     casts = read_casts(path)
     hours = np.timedelta64(9 * 60 + 5 if clock else 0, "m")
     assert casts[0].time == np.datetime64("2014-07-24T00:00") + hours
-    note = "time of day of 1 cast unknown: 0 h assumed"
+    note = "whole file: time of day of 1 cast unknown: 0 h assumed"
     assert (note in casts[0].notes) == (not clock)
 
 
@@ -257,7 +257,7 @@ def test_decimal_hours_of_the_world_ocean_database(tmp_path, hours, clock):
     path.write_text(path.read_text().replace("19.3333", hours))
     casts = read_casts(path)
     assert casts[0].time == np.datetime64(f"2014-07-24T{clock}")
-    note = "time of day of 1 cast unknown: 0 h assumed"
+    note = "whole file: time of day of 1 cast unknown: 0 h assumed"
     assert (note in casts[0].notes) == (hours == "---*---")
 
 

@@ -239,10 +239,16 @@ def print_table(table: "ResultTable") -> None:
         shown = Table(
             title=escape(caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False
         )
-        for head, width in zip(heads, widths, strict=True):
+        for head, width, column in zip(heads, widths, part, strict=True):
             text = escape("\n".join(_folded(head.text, width)))
-            justify = "right" if head.numbers else "left"
-            shown.add_column(text, overflow="fold", justify=justify, min_width=width)  # type: ignore[arg-type]
+            # rich crops other columns if it cannot make a whole one narrower
+            shown.add_column(
+                text,
+                overflow="fold",
+                justify="right" if head.numbers else "left",
+                min_width=width,
+                no_wrap=max(map(len, column), default=0) <= width,
+            )
         for cells in zip(*part, strict=True):
             shown.add_row(*map(escape, cells))
         console.print(shown)

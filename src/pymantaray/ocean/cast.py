@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError, errors_as
 from pymantaray.ocean.archives import ArchiveTable, archive_table
-from pymantaray.ocean.cast_rows import LIMITS, usable_rows, without_fills
+from pymantaray.ocean.cast_rows import LIMITS, usable_rows, visits, without_fills
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit, vertical_of
 from pymantaray.ocean.instrument_table import InstrumentTable
 from pymantaray.ocean.instruments import instrument_table
@@ -72,16 +72,8 @@ _NAMES = {
 }
 _TEXTS = {
     "time": ("time", "datetime", "date_time", "time_utc", "timestamp", "date"),
-    "station": (
-        "station",
-        "stnnbr",
-        "cast",
-        "castno",
-        "profile",
-        "station_id",
-        "cast_id",
-        "profile_id",
-    ),
+    "station": ("station", "stnnbr", "station_id"),
+    "cast": ("cast", "castno", "profile", "cast_id", "profile_id"),
 }
 _HEADER = re.compile(
     r"^(?P<name>[^\[(]*?)\s*(?:[\[(]\s*(?:units?\s*=\s*)?\"?(?P<unit>[^\"\])]*)\"?\s*[\])])?$"
@@ -283,7 +275,7 @@ class CastTable:
     columns: dict[str, tuple[int, str]]
     """Position and unit of each known quantity."""
     texts: dict[str, int]
-    """Positions of ``time`` and ``station``, if present."""
+    """Positions of ``time``, ``station`` and ``cast``, if present."""
     bracketed: bool
     """True if units are in brackets, as in tables of the NetCDF Subset Service."""
     instrument: str = ""
@@ -292,6 +284,8 @@ class CastTable:
     """Latitude and longitude in an instrument's file. [degrees]"""
     time: str = ""
     """Time (UTC) in an instrument's file."""
+    labelled: bool = False
+    """True if each row has the time and the place of its cast, as in files of archives."""
     notes: tuple[str, ...] = ()
     """Changes made by the reader."""
     unread: tuple[str, ...] = ()
@@ -360,20 +354,29 @@ class CastTable:
         return replace(self, rows=self.rows[keep], notes=(*self.notes, *invalid.notes))
 
     def text(self, kind: str) -> list[str] | None:
-        """Cells of the time or station column; None without such a column."""
+        """Cells of the time, station or cast column; None without such a column."""
         return self.rows[self.texts[kind]].to_list() if kind in self.texts else None
 
     def casts(self) -> dict[str, CastTable]:
         """Rows of each cast by its name, in the order of the file; a single cast has no name."""
-        keys = self.text("station")
+        labels = [texts for kind in ("station", "cast") if (texts := self.text(kind)) is not None]
+        keys = ["/".join(filter(None, row)) for row in zip(*labels, strict=True)]
+        times = self.text("time") or [""] * len(self.rows)
+        places = np.full((len(self.rows), 2), np.nan)
+        if self.has("lat", "lon"):
+            places = np.column_stack([self.values("lat"), self.values("lon")])
         if self.bracketed and self.has("lat", "lon"):
-            times = self.text("time") or [""] * len(self.rows)
-            places = zip(times, self.values("lat"), self.values("lon"), strict=True)
-            keys = [f"{time} {lat:g} {lon:g}".strip() for time, lat, lon in places]
-        if keys is None or (len(set(keys)) < 2 and "station" not in self.texts):
+            keys = [
+                f"{t} {lat:g} {lon:g}".strip()
+                for t, (lat, lon) in zip(times, places.tolist(), strict=True)
+            ]
+        else:
+            keys = visits(keys or [""] * len(self.rows), times, places, exact=self.labelled)
+        if not labels and len(set(keys)) < 2:
             return {"": self}
         groups = self.rows.groupby(np.array(keys, dtype=object), sort=False)
-        notes = iter([self.notes])  # of all rows: once, with the first cast
+        of_all = tuple(f"whole file: {note}" for note in self.notes)
+        notes = iter([self.notes if len(groups) == 1 else of_all])  # once, with the first cast
         return {str(key): replace(self, rows=rows, notes=next(notes, ())) for key, rows in groups}
 
     def _fault(self, quantity: str, row: int) -> str:
@@ -409,6 +412,7 @@ def read_cast_table(path: str | Path) -> CastTable:
         texts,
         bracketed=any("[unit=" in title for title in header),
         instrument=archive.name,
+        labelled=bool(archive.name),
         notes=archive.notes,
     )
     return whole.readable(invalid)

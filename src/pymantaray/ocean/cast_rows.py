@@ -3,13 +3,15 @@ Rows of casts: the one rule by which all readers select rows, with limits, fill 
 air.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import DEEPEST
+from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.schema import VARIABLES
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
@@ -46,6 +48,8 @@ _IN_AIR = 0.1  # practical salinity of a cell without water
 _FRESH, _AT_SURFACE = 2.0, 0.5  # practical salinity, m; several such rows are on deck
 _KG_PER_KG = (0.02, 0.045)
 _SPIKE = 3.0  # times the largest other step between rows
+# between rows of one cast at most; a cast to the deepest bed takes about 5 hours
+_LONGEST, _FARTHEST = np.timedelta64(12, "h"), 0.05  # degrees
 
 
 def without_fills(raw: Array, values: Array, quantity: str) -> Array:
@@ -132,6 +136,45 @@ def usable_rows(
         raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
     notes += _unit_doubts({name: values[deeper] for name, values in quantities.items()})
     return deeper, notes, sum(counts.values())
+
+
+def visits(names: Sequence[str], times: Sequence[str], places: Array, *, exact: bool) -> list[str]:
+    """
+    Name of the cast of each row: that of its station, with the time of the cast if the station has
+    several, and its place if several have the same time.
+
+    ``places`` are latitudes and longitudes (n, 2), NaN if unknown [degrees]. A cast ends where time
+    or place change by more than one cast can take or, if ``exact``, at all.
+    """
+    instants = {time: _instant_or_nat(time) for time in dict.fromkeys(times)}
+    rows = pd.DataFrame({"lat": places[:, 0], "lon": places[:, 1]})
+    rows["instant"] = [instants[time] for time in times]
+    station = np.array(names, dtype=object)
+    steps = rows.groupby(station).ffill().groupby(station).diff()
+    steps["lon"] = (steps["lon"] + 180.0) % 360.0 - 180.0
+    longest, farthest = (np.timedelta64(0), 0.0) if exact else (_LONGEST, _FARTHEST)
+    ends = (steps["instant"].abs() > longest) | (steps[["lat", "lon"]].abs() > farthest).any(axis=1)
+    if not ends.any():
+        return list(names)
+    casts = list(zip(names, ends.groupby(station).cumsum(), strict=True))
+    labels = zip(times, places.tolist(), strict=True)
+    first = dict(reversed(list(zip(casts, labels, strict=True))))  # of each cast
+    visited = Counter(name for name, _ in first)
+    together = Counter((name, time) for (name, _), (time, _) in first.items())
+    full = {}
+    for (name, visit), (time, place) in first.items():
+        beside = "" if time and together[name, time] == 1 else "{:g} {:g}".format(*place)
+        words = (name, time, beside) if visited[name] > 1 else (name,)
+        full[name, visit] = " ".join(filter(None, words))
+    return [full[cast] for cast in casts]
+
+
+def _instant_or_nat(time: str) -> np.datetime64:
+    """Instant of a cell, NaT if it is empty or has another layout."""
+    try:
+        return parse_instant(time)
+    except OceanError:
+        return np.datetime64("NaT", "ns")
 
 
 def water_beside(columns: Mapping[str, Array]) -> tuple[tuple[Array, Array] | None, list[str]]:
