@@ -335,6 +335,72 @@ def saiv(path, separator="."):
     return path
 
 
+def go_ship(path, *, stations=("1", "1"), scale="ITS-90"):
+    """CF/netCDF of CCHDO: pressure, flags, a salinity of bottles before that of the CTD."""
+    both = "N_PROF", "N_LEVELS"
+    lat, lon = np.transpose(PLACES)
+    pressure = gsw.p_from_z(-DEPTH, lat[:, None])
+    water = [temperature(0), temperature(1)]
+    bottles = np.full(pressure.shape, np.nan)
+    bottles[0, :2] = 30.0
+    flags = np.full(pressure.shape, 2, dtype="i1")
+    flags[0, 2], flags[1, 1] = 4, 9
+    data = xr.Dataset(
+        {
+            "expocode": ("N_PROF", np.array(["33RR2007"] * 2, dtype="S8")),
+            "station": ("N_PROF", np.array(stations, dtype="S3")),
+            "cast": ("N_PROF", np.array([1, 2], dtype="i4")),
+            "bottle_salinity": (both, bottles, {"standard_name": "sea_water_practical_salinity"}),
+            "ctd_salinity": (both, [salinity(0), salinity(1)], {"units": "1"}),
+            "ctd_salinity_qc": (both, flags, {"standard_name": "status_flag"}),
+            "ctd_temperature": (both, water, {"units": "degC", "reference_scale": scale}),
+        },
+        coords={
+            "pressure": (both, pressure, {"units": "dbar", "positive": "down", "axis": "Z"}),
+            "latitude": ("N_PROF", lat, {"standard_name": "latitude", "units": "degrees_north"}),
+            "longitude": ("N_PROF", lon, {"standard_name": "longitude", "units": "degrees_east"}),
+            "time": ("N_PROF", np.array(TIMES, dtype="M8[ns]"), {"standard_name": "time"}),
+        },
+        attrs={"Conventions": "CF-1.8 CCHDO-1.0", "featureType": "profile"},
+    )
+    data["ctd_salinity"].attrs["ancillary_variables"] = "ctd_salinity_qc"
+    for name, standard in (
+        ("pressure", "sea_water_pressure"),
+        ("ctd_salinity", "sea_water_practical_salinity"),
+        ("ctd_temperature", "sea_water_temperature"),
+    ):
+        data[name].attrs["standard_name"] = standard
+    data.to_netcdf(path)
+    return path
+
+
+def test_casts_of_go_ship_have_station_cast_and_good_values(tmp_path):
+    casts = read_casts(go_ship(tmp_path / "33RR_ctd.nc"))
+    check(casts, dropped={(0, 2), (1, 1)}, tolerance=1e-9)
+    assert [cast.name for cast in casts] == ["1/1", "1/2"]
+    assert "2 values of ctd_salinity rejected by quality flags" in casts[0].notes
+
+
+def test_old_temperatures_of_go_ship_are_converted(tmp_path):
+    new, old = (
+        read_casts(go_ship(tmp_path / f"{k}.nc", scale=scale))[1]
+        for k, scale in enumerate(("ITS-90", "IPTS-68"))
+    )
+    np.testing.assert_allclose(1.00024 * old.temperature, new.temperature, rtol=1e-12)
+    assert any("ITS-68 to ITS-90" in note for note in old.notes)
+    assert not any("ITS-68" in note for note in new.notes)
+
+
+def test_profiles_of_one_name_are_all_read(tmp_path):
+    path = go_ship(tmp_path / "both.nc")
+    with xr.open_dataset(path) as data:
+        same = data.load().assign(cast=("N_PROF", np.array([1, 1], dtype="i4")))
+    same.to_netcdf(tmp_path / "same.nc")
+    casts = read_casts(tmp_path / "same.nc")
+    assert [cast.name for cast in casts] == ["1/1", "1/1_1"]
+    check(casts, dropped={(0, 2), (1, 1)}, tolerance=1e-9)
+
+
 @pytest.mark.parametrize("separator", [".", ","])
 def test_a_ctd_of_saiv_is_read_with_its_date(tmp_path, separator):
     cast = read_cast(saiv(tmp_path / "saiv.txt", separator), lat=70.5, lon=-150.25)

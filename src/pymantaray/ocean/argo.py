@@ -19,6 +19,8 @@ from pymantaray.ocean.files import numbers, reading, text
 
 _GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
 _REJECTED = "4"  # of EN4, for levels and profiles
+ARGO = {"PRES", "POTM_CORRECTED"}
+"""Variables of which a file of Argo or EN4 has one."""
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
 _FILL = 99_999.0  # fill value of the format, also if it is not declared

@@ -22,7 +22,7 @@ from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
 from pymantaray.ocean import convert
-from pymantaray.ocean.argo import read_argo
+from pymantaray.ocean.argo import ARGO, read_argo
 from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.cast_folders import is_cast_folder, read_each
 from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
@@ -262,8 +262,7 @@ def holds_casts(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
-        known = {"PRES", "POTM_CORRECTED"} & data.variables.keys()
-        return bool(known) or holds_profiles(data)
+        return bool(ARGO & data.variables.keys()) or holds_profiles(data)
 
 
 def cast_tables(path: Path) -> dict[str, CastTable]:
@@ -275,13 +274,14 @@ def cast_tables(path: Path) -> dict[str, CastTable]:
 
 def holds_argo(path: str | Path) -> bool:
     """
-    Return True if a file is NetCDF, but not a CF data set of profiles: an Argo file, or a file that
-    `read_argo` rejects.
+    Return True if a file is NetCDF, but not a CF data set of profiles: a file of Argo or EN4, or a
+    file that `read_argo` rejects.
     """
     if not is_netcdf(Path(path)):
         return False
     with open_file(path) as data:
-        return "N_PROF" in data.sizes or not holds_profiles(data)
+        argo = "N_PROF" in data.sizes and bool(ARGO & data.variables.keys())
+        return argo or not holds_profiles(data)
 
 
 def cast_of_table(

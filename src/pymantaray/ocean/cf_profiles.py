@@ -2,8 +2,9 @@
 Reader of profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and
 appendix H.3).
 
-It reads single profiles, orthogonal and incomplete multidimensional arrays, and contiguous and
-indexed ragged arrays.
+It reads single profiles, orthogonal and incomplete multidimensional arrays, contiguous and indexed
+ragged arrays, and GO-SHIP's CF/netCDF of CCHDO (https://github.com/cchdo/hydro,
+docs/format_spec.rst).
 """
 
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
+from pymantaray.ocean.instrument_table import ITS_90_NOTE
 from pymantaray.ocean.positions import is_position, unused_position
 from pymantaray.records.digits import counted
 
@@ -114,6 +116,9 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
     notes = []
     for quantity, name in named.items():
         own, flagged = _adjusted(data, name)
+        if "temperature" in quantity and "68" in text(data.variables[name], "reference_scale"):
+            own = own / 1.00024
+            notes.append(ITS_90_NOTE)
         up = text(data.variables[name], "positive").lower() == "up"
         values[quantity] = np.broadcast_to(-own if up else own, data.variables[main].shape)
         notes += (
@@ -121,23 +126,14 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         )
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
-    role = next(
-        (v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"), None
-    )
-    names = (
-        labels_of(role)
-        if role is not None
-        else np.array([str(k) for k in range(count)], dtype=object)
-    )
+    names = _names(data, count, path)
     tables = {}
     for k in range(count):
         rows = rows_of(k)
         frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
         place = float(places[0][k]), float(places[1][k])
         located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
-        label = str(names[k]) if k < names.size and names[k] else str(k)
-        label = f"{path.stem}_{label}" if role is None and count > 1 else label
-        tables[label if count > 1 or role is not None else ""] = CastTable(
+        tables[names[k]] = CastTable(
             path,
             tuple(named.values()),
             frame,
@@ -151,6 +147,24 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             notes=(*notes, *located),
         )
     return tables
+
+
+def _names(data: xr.Dataset, count: int, path: Path) -> list[str]:
+    """
+    Name of each profile: its identifier, or station and cast, or the file's name and a number; each
+    name once.
+    """
+    roles = [v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"][:1]
+    roles = roles or [
+        data.variables[name] for name in ("station", "cast") if name in data.variables
+    ]
+    labels = [cells for v in roles if (cells := labels_of(v)).size == count]
+    if not labels:
+        return [f"{path.stem}_{k}" for k in range(count)] if count > 1 else [""]
+    names = [
+        "/".join(filter(None, parts)) or str(k) for k, parts in enumerate(zip(*labels, strict=True))
+    ]
+    return [f"{name}_{k}" if name in names[:k] else name for k, name in enumerate(names)]
 
 
 def _rows_by_profile(data: xr.Dataset, main: str, path: Path) -> tuple[int, Callable[[int], Any]]:
@@ -185,15 +199,24 @@ def _adjusted(data: xr.Dataset, name: str) -> tuple[Array, int]:
 
 
 def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
-    """Variable with the first available of several standard names; empty if there is none."""
+    """
+    Variable with the first available of several standard names, and of several variables the one
+    with most good values, such as a CTD's before the bottles'; empty if there is none.
+    """
     for name in standard:
-        for key, variable in data.variables.items():
-            if (
-                text(variable, "standard_name") == name
-                and variable.dtype.kind in "biuf"
-                and variable.ndim
-            ):
-                return str(key)
+        keys = [
+            str(key)
+            for key, variable in data.variables.items()
+            if text(variable, "standard_name") == name
+            and variable.dtype.kind in "biuf"
+            and variable.ndim
+        ]
+        if len(keys) > 1:
+            keys.sort(
+                key=lambda key: -np.count_nonzero(np.isfinite(without_bad_flags(data, key)[0]))
+            )
+        if keys:
+            return keys[0]
     return ""
 
 
