@@ -335,6 +335,91 @@ def saiv(path, separator="."):
     return path
 
 
+def wod_ragged(path, *, temperature_flags, salinity_profile_flags=(0, 0, 0)):
+    """
+    Three casts as WODselect's NetCDF: each quantity has rows of its own; the second cast has no
+    salinity.
+    """
+    rows = {"z": [DEPTH] * 3, "Temperature": [temperature(k) for k in (0, 1, 1)]}
+    rows["Salinity"] = [salinity(0), np.empty(0), salinity(1)]
+    standard = {"z": "depth", "Temperature": "sea_water_temperature"}
+    units = {"z": "m", "Temperature": "degree_C", "Salinity": "1"}
+    reasons = "accepted range_out inversion gradient anomaly gradient+inversion range+inversion"
+    data = xr.Dataset(attrs={"featureType": "Profile"})
+    for name, values in rows.items():
+        of, dim = standard.get(name, "sea_water_salinity"), f"{name}_obs"
+        flags = np.zeros(sum(map(len, values)), dtype="i1")
+        if name == "Temperature":
+            flags[: len(temperature_flags)] = temperature_flags
+        meanings = {"flag_values": np.arange(7, dtype="i1"), "flag_meanings": reasons}
+        linked = f"{name}_sigfigs {name}_WODflag {name}_WODprofileflag"
+        data[name] = dim, np.concatenate(values), {"standard_name": of, "units": units[name]}
+        data[name].attrs["ancillary_variables"] = linked
+        data[f"{name}_sigfigs"] = dim, np.full(flags.size, 4, dtype="i1")
+        data[f"{name}_WODflag"] = dim, flags, meanings
+        data[f"{name}_row_size"] = "casts", [len(v) for v in values], {"sample_dimension": dim}
+    whole = np.array(salinity_profile_flags, dtype="i1")
+    meanings |= {"flag_meanings": "accepted annual_sd_out density_inversion cruise a b c"}
+    data["Salinity_WODprofileflag"] = "casts", whole, meanings
+    lat, lon = np.transpose([PLACES[k] for k in (0, 1, 1)])
+    data["lat"] = "casts", lat, {"standard_name": "latitude", "units": "degrees_north"}
+    data["lon"] = "casts", lon, {"standard_name": "longitude", "units": "degrees_east"}
+    epoch = np.datetime64("1770-01-01", "s")
+    days = [(np.datetime64(TIMES[k], "s") - epoch) / np.timedelta64(1, "D") for k in (0, 1, 1)]
+    data["time"] = "casts", days, {"standard_name": "time", "units": "days since 1770-01-01"}
+    data["wod_unique_cast"] = "casts", [11, 12, 13], {"cf_role": "profile_id"}
+    data.to_netcdf(path)
+    return path
+
+
+@pytest.mark.parametrize("flag", range(1, 7))
+def test_ragged_casts_of_the_world_ocean_database(tmp_path, flag):
+    """Each of its flags but 0 is a reason to reject."""
+    casts = read_casts(wod_ragged(tmp_path / "wod.nc", temperature_flags=[0, flag]))
+    check(casts, dropped={(0, 1)}, tolerance=1e-9)
+    assert [cast.name for cast in casts] == ["11", "13"]
+    assert "1 value of Temperature rejected by quality flags" in casts[0].notes
+    assert any("1 of 3 profiles dropped, the first: 12" in note for note in casts[0].notes)
+
+
+def test_a_profile_that_the_world_ocean_database_rejects_is_left_out(tmp_path):
+    path = wod_ragged(tmp_path / "w.nc", temperature_flags=[], salinity_profile_flags=(0, 0, 3))
+    casts = read_casts(path)
+    assert [cast.name for cast in casts] == ["11"]
+    assert "Salinity of 1 profile rejected by quality flags" in casts[0].notes
+
+
+@pytest.mark.parametrize(
+    ("flags", "meanings", "dropped"),
+    [
+        ("48 49 50 51 52 57", "none good_value probably_good_value probably_bad_value bad_value"
+         + " missing_value", (3, 4, 5)),
+        ("1 2 3 4 9 8", "PASS NOT_EVALUATED SUSPECT FAIL MISSING interpolated", (2, 3, 4)),
+        ("0 1 2 3 4 9", "unknown good changed estimated interpolated missing", (5,)),
+        ("0 1 2 3 4 9", "", (3, 4, 5)),
+    ],
+    ids=["SeaDataNet", "QARTOD", "own", "without meanings"],
+)  # fmt: skip
+def test_flags_are_rejected_by_their_meanings(tmp_path, flags, meanings, dropped):
+    values = np.array(flags.split(), dtype="i1")
+    depth = 10.0 * np.arange(1, 7)
+    attrs = {"flag_values": values, "flag_meanings": meanings} if meanings else {}
+    kinds = {"depth": "m", "sea_water_temperature": "degC", "sea_water_practical_salinity": "1"}
+    columns = (depth, 5.0 - 0.01 * depth, 35.0 + 0.0 * depth)
+    data = xr.Dataset(
+        {
+            name: ("z", column, {"standard_name": name, "units": unit})
+            for (name, unit), column in zip(kinds.items(), columns, strict=True)
+        },
+        attrs={"featureType": "profile"},
+    )
+    data["sea_water_temperature"].attrs["ancillary_variables"] = "TEMPPR01_SEADATANET_QC"
+    data["TEMPPR01_SEADATANET_QC"] = "z", values, attrs
+    data.to_netcdf(tmp_path / "sdn.nc")
+    cast = read_cast(tmp_path / "sdn.nc", lat=70.0, lon=0.0)
+    np.testing.assert_allclose(cast.depth, np.delete(depth, dropped))
+
+
 def go_ship(path, *, stations=("1", "1"), scale="ITS-90"):
     """CF/netCDF of CCHDO: pressure, flags, a salinity of bottles before that of the CTD."""
     both = "N_PROF", "N_LEVELS"

@@ -7,6 +7,7 @@ ragged arrays, and GO-SHIP's CF/netCDF of CCHDO (https://github.com/cchdo/hydro,
 docs/format_spec.rst).
 """
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from pymantaray.arrays import AnyArray, Array, Indices
+from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times, degrees
@@ -38,7 +39,11 @@ DATA_SET = "CF"
 """Value of `CastTable.instrument`."""
 _COPERNICUS = ("TIME", "DEPTH")
 """Dimensions of the in-situ profiles of Copernicus and OceanSITES."""
-BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, IMOS, Argo and QARTOD
+_BAD_FLAGS = (3, 4, 9)  # without meanings: those of OceanGliders, IMOS, Argo and QARTOD
+_BAD = re.compile(
+    r"bad|fail|suspect|question|doubt|reject|invalid|error|wrong|missing|not_(sampled|reported)"
+)
+_ALL_BAD_BUT = "accepted"  # of the World Ocean Database, whose other flags are reasons
 
 
 def holds_profiles(data: xr.Dataset) -> bool:
@@ -111,26 +116,17 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             " sea_water_pressure, and sea_water_temperature or speed_of_sound_in_sea_water; it"
             f" contains {', '.join(map(str, data.variables))}"
         )
-    count, rows_of = _rows_by_profile(data, main, path)
-    values = {}
-    notes = []
+    count, _ = _rows_by_profile(data, main, path)
+    columns, notes = {}, list[str]()
     for quantity, name in named.items():
-        own, flagged = _adjusted(data, name)
-        if "temperature" in quantity and "68" in text(data.variables[name], "reference_scale"):
-            own = own / 1.00024
-            notes.append(ITS_90_NOTE)
-        up = text(data.variables[name], "positive").lower() == "up"
-        values[quantity] = np.broadcast_to(-own if up else own, data.variables[main].shape)
-        notes += (
-            [f"{counted(flagged, 'value')} of {name} rejected by quality flags"] if flagged else []
-        )
+        columns[quantity], own_notes = _column(data, quantity, name, main, path)
+        notes += own_notes
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
     names = _names(data, count, path)
     tables = {}
     for k in range(count):
-        rows = rows_of(k)
-        frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
+        frame = pd.DataFrame({i: column(k) for i, column in enumerate(columns.values())})
         place = float(places[0][k]), float(places[1][k])
         located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
         tables[names[k]] = CastTable(
@@ -147,6 +143,47 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             notes=(*notes, *located),
         )
     return tables
+
+
+def _column(
+    data: xr.Dataset, quantity: str, name: str, main: str, path: Path
+) -> tuple[Callable[[int], Array], list[str]]:
+    """
+    Function that gives the values of a quantity in one profile, and notes.
+
+    In ragged arrays of the World Ocean Database each quantity has rows of its own: as many as the
+    ``main`` one, or none.
+    """
+    values, flagged = _adjusted(data, name)
+    notes = []
+    if "temperature" in quantity and "68" in text(data.variables[name], "reference_scale"):
+        values = values / 1.00024
+        notes.append(ITS_90_NOTE)
+    if text(data.variables[name], "positive").lower() == "up":
+        values = -values
+    count, rows_of = _rows_by_profile(data, main, path)
+    whole = np.zeros(count, dtype=bool)
+    for known in _flags_of(data, name):
+        if known.size == count and known.size != values.size:
+            whole |= is_flagged(known).ravel()
+    own, shape = rows_of, data.variables[main].shape
+    if data.variables[name].dims != data.variables[main].dims and (
+        instance_of_rows(data, str(data.variables[name].dims[0]), path) is not None
+    ):
+        own = _rows_by_profile(data, name, path)[1]
+    else:
+        values = np.broadcast_to(values, shape)
+    missing = np.broadcast_to(np.nan, shape)
+
+    def of_profile(k: int) -> Array:
+        found, none = np.asarray(values[own(k)]), np.asarray(missing[rows_of(k)])
+        return none if whole[k] or found.shape != none.shape else found
+
+    if whole.any():
+        notes.append(f"{name} of {counted(int(whole.sum()), 'profile')} rejected by quality flags")
+    if flagged:
+        notes.append(f"{counted(flagged, 'value')} of {name} rejected by quality flags")
+    return of_profile, notes
 
 
 def _names(data: xr.Dataset, count: int, path: Path) -> list[str]:
@@ -167,12 +204,12 @@ def _names(data: xr.Dataset, count: int, path: Path) -> list[str]:
     return [f"{name}_{k}" if name in names[:k] else name for k, name in enumerate(names)]
 
 
-def _rows_by_profile(data: xr.Dataset, main: str, path: Path) -> tuple[int, Callable[[int], Any]]:
+def _rows_by_profile(data: xr.Dataset, name: str, path: Path) -> tuple[int, Callable[[int], Any]]:
     """Number of profiles, and a function that gives the index of one profile's values."""
-    dims = tuple(map(str, data.variables[main].dims))
+    dims = tuple(map(str, data.variables[name].dims))
     if len(dims) > 2:
         raise OceanError(
-            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the"
+            f"{path}: {name} has dimensions {', '.join(dims)}; it must have one, or two with the"
             " index of the profile"
         )
     if len(dims) == 2:
@@ -180,7 +217,11 @@ def _rows_by_profile(data: xr.Dataset, main: str, path: Path) -> tuple[int, Call
     of_row = instance_of_rows(data, dims[0], path)
     if of_row is None:
         return 1, lambda _: slice(None)
-    return int(of_row.max(initial=0)) + 1, lambda k: of_row == k
+    sizes = [v.size for v in data.variables.values() if v.attrs.get("sample_dimension") == dims[0]]
+    count = max([*sizes, int(of_row.max(initial=-1)) + 1])  # the last ones may be empty
+    order = np.argsort(of_row, kind="stable")
+    edges = np.searchsorted(of_row[order], np.arange(count + 1))
+    return count, lambda k: order[edges[k] : edges[k + 1]]
 
 
 def _adjusted(data: xr.Dataset, name: str) -> tuple[Array, int]:
@@ -227,20 +268,41 @@ def without_bad_flags(data: xr.Dataset, name: str) -> tuple[Array, int]:
     """
     values = numbers(data, name)
     bad = np.zeros(values.shape, dtype=bool)
-    linked = text(data.variables[name], "ancillary_variables").split()
-    for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control"):
-        known = data.variables.get(flags)
-        if known is None or known.shape[: values.ndim] != values.shape or known.size != values.size:
-            continue
-        raw = np.asarray(known.values).reshape(values.shape)
-        ending = ("_qc", "_quality_control", "flag")
-        if raw.dtype.kind in "SU":
-            letters = np.char.strip(raw.astype("U1"))
-            raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
-        elif not (flags.lower().endswith(ending) or "flag" in text(known, "standard_name")):
-            continue  # not flags but an uncertainty
-        bad |= np.isin(raw, BAD_FLAGS) & np.isfinite(values)
+    for known in _flags_of(data, name):
+        if known.shape[: values.ndim] == values.shape and known.size == values.size:
+            bad |= is_flagged(known).reshape(values.shape) & np.isfinite(values)
     return np.where(bad, np.nan, values), int(bad.sum())
+
+
+def _flags_of(data: xr.Dataset, name: str) -> list[xr.Variable]:
+    """Variables with quality flags of a variable, for each value or for each profile."""
+    linked = text(data.variables[name], "ancillary_variables").split()
+    ending = ("_qc", "_quality_control", "flag")
+    return [
+        known
+        for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control")
+        if (known := data.variables.get(flags)) is not None
+        and (
+            known.dtype.kind in "SU"
+            or flags.lower().endswith(ending)
+            or "flag" in text(known, "standard_name")
+        )  # other numbers are uncertainties
+    ]
+
+
+def is_flagged(known: xr.Variable) -> Mask:
+    """True where a quality flag is bad by its meaning (CF 1.11, section 3.5), or by its number."""
+    raw = np.asarray(known.values)
+    if raw.dtype.kind in "SU":
+        letters = np.char.strip(raw.astype("U1"))
+        raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
+    flags = np.ravel(known.attrs.get("flag_values", ()))
+    meanings = text(known, "flag_meanings").lower().split()
+    if flags.dtype.kind not in "iuf" or not 0 < flags.size == len(meanings):
+        return np.isin(raw, _BAD_FLAGS)
+    if meanings[0] == _ALL_BAD_BUT:
+        return np.asarray(raw != flags[0])
+    return np.isin(raw, [f for f, words in zip(flags, meanings, strict=True) if _BAD.search(words)])
 
 
 def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
@@ -259,7 +321,7 @@ def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
     values = np.atleast_1d(degrees(data, name, standard) if angles else numbers(data, name)).ravel()
     known = data.variables.get("POSITION_QC" if angles else f"{name}_QC")
     if known is not None and known.size == values.size and known.dtype.kind in "iuf":
-        values = np.where(np.isin(np.asarray(known.values).ravel(), BAD_FLAGS), np.nan, values)
+        values = np.where(is_flagged(known).ravel(), np.nan, values)
     return values if values.size == count else np.resize(values[:1], count)
 
 
