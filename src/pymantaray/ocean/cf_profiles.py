@@ -201,7 +201,8 @@ def _names(data: xr.Dataset, count: int, path: Path) -> list[str]:
     names = [
         "/".join(filter(None, parts)) or str(k) for k, parts in enumerate(zip(*labels, strict=True))
     ]
-    return [f"{name}_{k}" if name in names[:k] else name for k, name in enumerate(names)]
+    first = {name: k for k, name in reversed(list(enumerate(names)))}
+    return [name if first[name] == k else f"{name}_{k}" for k, name in enumerate(names)]
 
 
 def _rows_by_profile(data: xr.Dataset, name: str, path: Path) -> tuple[int, Callable[[int], Any]]:
