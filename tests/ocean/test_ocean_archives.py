@@ -335,6 +335,37 @@ def saiv(path, separator="."):
     return path
 
 
+PANGAEA = """/* DATA DESCRIPTION:
+Citation:\tSomeone (2014): CTD. PANGAEA, https://doi.org/10.1594/PANGAEA.1
+Event(s):\t{events}
+*/
+"""
+
+
+@pytest.mark.parametrize("events", [1, 2])
+def test_text_of_pangaea_has_its_events(tmp_path, events):
+    """The place and the time of a single event are in the description only."""
+    described = [
+        f"P/{k} * LATITUDE: {PLACES[k][0]} * LONGITUDE: {PLACES[k][1]} * DATE/TIME: {TIMES[k]}"
+        for k in range(events)
+    ]
+    labels = "Event\tDate/Time\tLatitude\tLongitude\t" if events > 1 else ""
+    rows = [f"{labels}Depth water [m]\tTemp [°C]\tTpot [°C]\tSal\tTemp [°C]"]
+    for k in range(events):
+        label = f"P/{k}\t{TIMES[k]}\t{PLACES[k][0]}\t{PLACES[k][1]}\t" if events > 1 else ""
+        for z, t, s in zip(DEPTH, temperature(k), salinity(k), strict=True):
+            rows.append(f"{label}{z}\t{t}\t{t - 0.1}\t{s}\t99")
+    text = PANGAEA.format(events="\n\t".join(described)) + "\n".join(rows)
+    (tmp_path / "P.tab").write_text(text, encoding="utf-8")
+    casts = read_casts(tmp_path / "P.tab")
+    assert [cast.name for cast in casts] == (["P/0", "P/1"] if events > 1 else ["P"])
+    for k, cast in enumerate(casts):
+        assert (cast.lat, cast.lon, cast.time) == (*PLACES[k], np.datetime64(TIMES[k]))
+        np.testing.assert_allclose(cast.depth, DEPTH)
+        np.testing.assert_allclose(cast.temperature, temperature(k))
+        np.testing.assert_allclose(cast.salinity, salinity(k))
+
+
 def wod_ragged(path, *, temperature_flags, salinity_profile_flags=(0, 0, 0)):
     """
     Three casts as WODselect's NetCDF: each quantity has rows of its own; the second cast has no

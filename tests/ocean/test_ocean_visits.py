@@ -119,3 +119,21 @@ def test_rows_have_one_name_exactly_if_they_are_of_one_cast(rows, exact):
             assert (named[i] == named[j]) == (
                 one == cast[j] or (one[0] == cast[j][0] and len(labels) == 1)
             )
+
+
+def test_units_of_erddap_are_read_and_its_profiles_are_casts(tmp_path):
+    """Feet and Fahrenheit in the row below the header, and two places."""
+    rows = ["time,latitude,longitude,depth,temperature,salinity"]
+    rows += ["UTC,degrees_north,degrees_east,ft,degree_F,1"]
+    rows += [
+        f"2020-03-0{1 + k}T10:00:00Z,{40 + k},-30,{z},{59 - 9 * i},35.2"
+        for k in range(2)
+        for i, z in enumerate((10, 100))
+    ]
+    (tmp_path / "erddap.csv").write_text("\n".join(rows))
+    read = read_casts(tmp_path / "erddap.csv")
+    assert [cast.lat for cast in read] == [40.0, 41.0]
+    for cast in read:
+        np.testing.assert_allclose(cast.depth, [3.048, 30.48])
+        np.testing.assert_allclose(cast.temperature, [15.0, 10.0])
+        assert not cast.notes

@@ -76,3 +76,19 @@ def test_dates_that_nanoseconds_cannot_hold_are_no_dates(tmp_path, cell):
     times = table.readable(invalid, times=["time"]).times("time")
     assert times.astype("datetime64[D]").astype(str).tolist() == ["2018-01-01", "2261-12-31"]
     assert len(invalid) == 1
+
+
+@pytest.mark.parametrize(
+    ("units", "titles"),
+    [
+        ("UTC,,ft,degree_F", ["time", "vehicle", "depth [ft]", "temperature [degree_F]"]),
+        ("2020-03-01,A,5,6", ["time", "vehicle", "depth", "temperature"]),
+    ],
+)
+def test_a_row_of_units_below_the_header_is_part_of_it(tmp_path, units, titles):
+    path = tmp_path / "erddap.csv"
+    path.write_text(f"time,vehicle,depth,temperature\n{units}\n2020-03-02,A,1,50\n")
+    frame = read_text_table(path).frame
+    assert frame.columns.tolist() == titles
+    assert len(frame) == 1 + units.startswith("2020")
+    assert frame.index[-1] == 3

@@ -1,9 +1,10 @@
 """
 Files of archives with many casts, as tables of casts: spreadsheets of Ocean Data View, the CSV of
-the World Ocean Database, and bottles in the WHP-exchange format.
+the World Ocean Database, bottles in the WHP-exchange format, and text of PANGAEA.
 
-Sources: the generic spreadsheet in the guide of Ocean Data View (https://odv.awi.de), and the
-description of WODselect's CSV (https://www.ncei.noaa.gov/access/world-ocean-database-select).
+Sources: the generic spreadsheet in the guide of Ocean Data View (https://odv.awi.de), the
+description of WODselect's CSV (https://www.ncei.noaa.gov/access/world-ocean-database-select), and
+files of PANGAEA (https://www.pangaea.de).
 """
 
 import csv
@@ -47,6 +48,15 @@ _ODV_BAD = {
 }
 _OTHER_BAD = "3459"  # in those of SeaDataNet, Argo, GTSPP, IODE, OceanSITES, QARTOD and WOCE
 _WITH_OTHER_BAD = r"SEADATANET|ARGO|GTSPP|IODE|OCEANSITES|QARTOD|WOCE.*"
+_PANGAEA = {
+    "Event": "station",
+    "Date/Time": "time",
+    "Depth water": "depth",
+    "Press": "pressure",
+    "Temp": "temperature",
+    "Tpot": "potential_temperature",
+    "Sal": "salinity",
+}
 _DATE_ONLY = re.compile(r"\d{4}-\d\d-\d\d")
 
 
@@ -56,6 +66,8 @@ class ArchiveTable(NamedTuple):
     name: str
     text: str
     notes: tuple[str, ...]
+    labelled: bool = True
+    """True if each row has the time and the place of its cast."""
 
 
 def archive_table(path: Path, text: str, lines: Lines) -> ArchiveTable | None:
@@ -244,9 +256,34 @@ def _wod_time(head: dict[str, str]) -> str:
     return f"{date}T{minutes // 60:02d}:{minutes % 60:02d}"
 
 
+def _pangaea(_: Path, lines: Lines) -> ArchiveTable:
+    """
+    Table below the description of a data set, with titles of ours; the description has the place
+    and the time of a single event.
+    """
+    end = next((i for i, line in enumerate(lines) if line.startswith("*/")), len(lines) - 1)
+    table = [""] * (end + 1) + list(lines[end + 1 :])
+    titles = lines[end + 1].split("\t") if end + 1 < len(lines) else []
+    names = [title.partition(" [")[0] for title in titles]
+    for k, name in enumerate(names):
+        if name in _PANGAEA:
+            other = names[:k].count(name)  # sensors beside the first are not read
+            titles[k] = titles[k].replace(name, f"{name} {other}" if other else _PANGAEA[name], 1)
+    table[end + 1 : end + 2] = ["\t".join(titles)]
+    head = " ".join(lines[:end])
+    found = [
+        re.findall(rf"\b{key}: *([^ *]+)", head) for key in ("DATE/TIME", "LATITUDE", "LONGITUDE")
+    ]
+    if "Latitude" not in names and [len(one) for one in found[1:]] == [1, 1]:
+        (lat,), (lon,) = found[1:]
+        table[0] = f"# {''.join(found[0][:1])}, lat {lat}, lon {lon}"
+    return ArchiveTable("PANGAEA", "\n".join(table), (), labelled=False)
+
+
 _FORMATS: tuple[tuple[Callable[[str, Lines], bool], Callable[[Path, Lines], ArchiveTable]], ...] = (
     (lambda text, _: text.startswith("BOTTLE,"), _bottles),
     (lambda _, lines: any(_WOD.match(line) for line in lines[:5]), _wod),
+    (lambda text, _: text.startswith("/* DATA DESCRIPTION:"), _pangaea),
     (_is_odv, _odv),
 )
 """Condition and reader of each format."""

@@ -399,7 +399,7 @@ def read_cast_table(path: str | Path) -> CastTable:
     if instrument is not None:
         return _of_instrument(Path(path), instrument)
     invalid = InvalidLines()
-    archive = archive_table(Path(path), text, lines) or ArchiveTable("", text, ())
+    archive = archive_table(Path(path), text, lines) or ArchiveTable("", text, (), labelled=False)
     table = read_text_table(path, archive.text, invalid=invalid)
     header = tuple(table.frame.columns)
     columns, texts = _columns(table.path, header)
@@ -412,7 +412,7 @@ def read_cast_table(path: str | Path) -> CastTable:
         texts,
         bracketed=any("[unit=" in title for title in header),
         instrument=archive.name,
-        labelled=bool(archive.name),
+        labelled=archive.labelled,
         notes=archive.notes,
     )
     return whole.readable(invalid)

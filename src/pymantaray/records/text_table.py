@@ -259,7 +259,8 @@ def read_text_table(
 
     ``text`` is the content of the file, if it is read already. Rows with more cells than the
     header, and rows with fewer cells than most rows, are added to ``invalid``; without it, the
-    former raise an error, and the latter have empty cells.
+    former raise an error, and the latter have empty cells. A row of units below the header, as
+    ERDDAP writes it, becomes part of the titles.
     """
     import pandas as pd
 
@@ -304,9 +305,16 @@ def read_text_table(
     if len(cells) != len(rows):
         raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
     cells = cells.fillna("").map(str.strip).map(unguard_formula).set_axis(list(rows))
-    return TextTable(
-        path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values())
-    )
+    names, first = (cells.iloc[k].tolist() if k < len(cells) else [] for k in (0, 1))
+    plain = {"", "UTC", "degrees_north", "degrees_east"}
+    has_units = "UTC" in first or plain - {"", "UTC"} <= {*first}
+    if has_units:
+        names = [
+            name if unit in plain else f"{name} [{unit}]"
+            for name, unit in zip(names, first, strict=True)
+        ]
+    frame = cells.iloc[1 + has_units :].set_axis(names, axis=1)
+    return TextTable(path, frame, list(comments.values()))
 
 
 def _whole_rows(
