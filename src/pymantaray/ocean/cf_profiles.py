@@ -270,7 +270,7 @@ def without_bad_flags(data: xr.Dataset, name: str) -> tuple[Array, int]:
     values = numbers(data, name)
     bad = np.zeros(values.shape, dtype=bool)
     for known in _flags_of(data, name):
-        if known.shape[: values.ndim] == values.shape and known.size == values.size:
+        if known.size == values.size:
             bad |= is_flagged(known).reshape(values.shape) & np.isfinite(values)
     return np.where(bad, np.nan, values), int(bad.sum())
 
