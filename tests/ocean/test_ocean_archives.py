@@ -355,6 +355,7 @@ def test_text_of_pangaea_has_its_events(tmp_path, events):
         label = f"P/{k}\t{TIMES[k]}\t{PLACES[k][0]}\t{PLACES[k][1]}\t" if events > 1 else ""
         for z, t, s in zip(DEPTH, temperature(k), salinity(k), strict=True):
             rows.append(f"{label}{z}\t{t}\t{t - 0.1}\t{s}\t99")
+    rows.append("\t".join(["?"] * len(rows[1].split("\t"))))
     text = PANGAEA.format(events="\n\t".join(described)) + "\n".join(rows)
     (tmp_path / "P.tab").write_text(text, encoding="utf-8")
     casts = read_casts(tmp_path / "P.tab")
@@ -364,6 +365,8 @@ def test_text_of_pangaea_has_its_events(tmp_path, events):
         np.testing.assert_allclose(cast.depth, DEPTH)
         np.testing.assert_allclose(cast.temperature, temperature(k))
         np.testing.assert_allclose(cast.salinity, salinity(k))
+    last = len(text.splitlines())
+    assert any(f"not readable: line {last}: " in note for note in casts[0].notes)
 
 
 def wod_ragged(path, *, temperature_flags, salinity_profile_flags=(0, 0, 0)):

@@ -261,16 +261,15 @@ def _pangaea(_: Path, lines: Lines) -> ArchiveTable:
     Table below the description of a data set, with titles of ours; the description has the place
     and the time of a single event.
     """
-    end = next((i for i, line in enumerate(lines) if line.startswith("*/")), len(lines) - 1)
-    table = [""] * (end + 1) + list(lines[end + 1 :])
-    titles = lines[end + 1].split("\t") if end + 1 < len(lines) else []
+    end = next((i for i, line in enumerate(lines, 1) if line.startswith("*/")), len(lines))
+    head, rows = " ".join(lines[:end]), lines[end:]
+    titles = rows[0].split("\t") if rows else []
     names = [title.partition(" [")[0] for title in titles]
     for k, name in enumerate(names):
         if name in _PANGAEA:
             other = names[:k].count(name)  # sensors beside the first are not read
             titles[k] = titles[k].replace(name, f"{name} {other}" if other else _PANGAEA[name], 1)
-    table[end + 1 : end + 2] = ["\t".join(titles)]
-    head = " ".join(lines[:end])
+    table = [*[""] * end, "\t".join(titles), *rows[1:]]
     found = [
         re.findall(rf"\b{key}: *([^ *]+)", head) for key in ("DATE/TIME", "LATITUDE", "LONGITUDE")
     ]
