@@ -16,7 +16,7 @@ from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.solving import as_positions, in_blocks
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records import Arrivals, RayStatus
@@ -311,17 +311,9 @@ def quadrature(paths: RayPaths) -> Quadrature:
     >>> print(np.bincount(nodes.arrival, nodes.weight).round(2))
     [3020.53 3033.99]
     """
-    first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
-    a = first
-    b = first + 1
-    h = (paths.travel_time[b] - paths.travel_time[a])[:, None, None]
+    a = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
+    h, x0, v0, x1, v1 = (part[:, None] for part in _segments(paths, a))
     t = _GAUSS_NODES[None, :, None]
-    x0 = paths.position[a, None]
-    x1 = paths.position[b, None]
-    v0, v1 = (
-        p / np.sum(p * p, axis=-1, keepdims=True)
-        for p in (paths.slowness[a, None], paths.slowness[b, None])
-    )
     position = _hermite(t, h, x0, v0, x1, v1)
     velocity = (
         (6.0 * t**2 - 6.0 * t) * (x0 - x1) / h
@@ -353,15 +345,10 @@ def resample(paths: RayPaths, n_points: int) -> Array:
         k = np.clip(
             np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2
         )
-        a = nodes[k]  # the next node, before a reflection
-        b = nodes[k] + 1
-        h = (paths.travel_time[b] - paths.travel_time[a])[:, None]
-        t = (times - paths.travel_time[a])[:, None] / h
-        v0, v1 = (
-            p / np.sum(p * p, axis=-1, keepdims=True)
-            for p in (paths.slowness[a], paths.slowness[b])
-        )
-        out[i] = _hermite(t, h, paths.position[a], v0, paths.position[b], v1)
+        # a segment ends at the next node, before a reflection
+        h, *ends = _segments(paths, nodes[k])
+        t = (times - paths.travel_time[nodes[k]])[:, None] / h
+        out[i] = _hermite(t, h, *ends)
     return out
 
 
@@ -639,6 +626,20 @@ def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray
         if starts.size
         else starts
     )
+
+
+def _segments(paths: RayPaths, first: Indices) -> tuple[Array, ...]:
+    """
+    Durations (n, 1) of segments that begin at the first nodes, and positions and velocities of
+    their ends, as `_hermite` takes them.
+    """
+    last = first + 1
+    v0, v1 = (
+        p / np.sum(p * p, axis=-1, keepdims=True)
+        for p in (paths.slowness[first], paths.slowness[last])
+    )
+    duration = (paths.travel_time[last] - paths.travel_time[first])[:, None]
+    return duration, paths.position[first], v0, paths.position[last], v1
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:
