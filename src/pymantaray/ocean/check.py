@@ -11,8 +11,8 @@ import xarray as xr
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.ocean.local import floor_in_domain
-from pymantaray.ocean.names import Equation
-from pymantaray.ocean.open import CurrentsPolicy, read_ocean
+from pymantaray.ocean.names import CurrentsPolicy, Equation
+from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
 from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.seawater import (
