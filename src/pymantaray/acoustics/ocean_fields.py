@@ -129,9 +129,8 @@ def _medium_at(
 ) -> Medium:
     local = ocean.local_at(time)
     if ocean.unbounded:
-        local = local.isel(
-            north=[0], east=[0]
-        )  # an axis with one point has no variation and no end
+        # an axis with one point has no variation and no end
+        local = local.isel(north=[0], east=[0])
     return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 

@@ -35,9 +35,8 @@ def answered_stops() -> Iterator[None]:
     """
     Handle stop requests in the block by exceptions, and end the process if they cannot be raised.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # other threads cannot set signal handlers
+    # other threads cannot set signal handlers
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     read, write = os.pipe()

@@ -30,9 +30,8 @@ larger file.
 _MIN_CELLS = 2  # on either side of the centre
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
-_MAX_NODES = (
-    16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
-)
+# latitudes times longitudes onto which a file in a map projection is interpolated
+_MAX_NODES = 16_000_000
 _SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _DEEPEST = 11_100.0  # m; beyond these a fill value or a unit is wrong
 _HIGHEST = 9_000.0

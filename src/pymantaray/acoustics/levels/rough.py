@@ -26,12 +26,8 @@ if TYPE_CHECKING:
     from pymantaray.geometry.sphere import EarthSphere
 
 _ZONE = 0.5  # m; spacing of levels above the deck
-_LEVELS = (
-    (150.0, 1.0),
-    (400.0, 2.0),
-    (1500.0, 10.0),
-    (math.inf, 25.0),
-)  # m below the deck, and spacing
+# depths below the deck, and spacing [m]
+_LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))
 _MARGIN = 0.1  # m between the deepest possible surface and the deck
 _TABLE = 7500
 _STEEPEST = 1.5  # rad; of a table, and of the fan

@@ -11,20 +11,16 @@ from pymantaray.estimation.solvers.normal_equations import SIZE, symmetric_facto
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
-_UNDETERMINED = (
-    1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
-)
+# m or rad; a standard deviation of this size counts as undetermined, as in the solver
+_UNDETERMINED = 1e6
 # added to the scaled information matrix, whose diagonal is 1, so that it can be factorized
 _DAMPING = 1e-15
-_INVERSE_ITERATIONS = (
-    6  # each reduces all but the weakest direction by the ratio of the eigenvalues
-)
-_JITTER = (
-    0.1  # rad, and share of the extent of all positions; moves values out of accidental alignments
-)
-_MIN_VARIANCE_RATIO = (
-    1e-12  # smallest ratio of a variance to the median; below, the other factors lose all digits
-)
+# each reduces all but the weakest direction by the ratio of the eigenvalues
+_INVERSE_ITERATIONS = 6
+# rad, and share of the extent of all positions; moves values out of accidental alignments
+_JITTER = 0.1
+# smallest ratio of a variance to the median; below, the other factors lose all digits
+_MIN_VARIANCE_RATIO = 1e-12
 
 
 def check_conditioned(graph: FactorGraph) -> None:

@@ -54,9 +54,8 @@ Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
 
-MAX_CHEAP_FACTORS = (
-    20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
-)
+# largest graph that is solved from several starts by default: about 2 s of CPU
+MAX_CHEAP_FACTORS = 20_000
 MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
 PYFG = ".pyfg"

@@ -76,14 +76,8 @@ ISAM = {EDGE: "ODOMETRY", SIGHTING: "LANDMARK"}
 Words of iSAM, in two dimensions; their matrix is the upper triangular root of the information, by
 rows.
 """
-_TORO_TRIANGLE = [
-    0,
-    1,
-    4,
-    2,
-    5,
-    3,
-]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
+# entries of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
+_TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]
 _FLAT = {
     POSE: "VERTEX_SE2",
     LANDMARK: "VERTEX_XY",
@@ -494,9 +488,8 @@ def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:
         return values
-    turn = Rotation.from_euler(
-        "ZYX", values[:, 5:2:-1]
-    ).as_quat()  # yaw, then pitch, then roll, about the rotated axes
+    # yaw, then pitch, then roll, about the rotated axes
+    turn = Rotation.from_euler("ZYX", values[:, 5:2:-1]).as_quat()
     return np.concatenate([values[:, :3], turn, values[:, 6:]], axis=1)
 
 

@@ -47,12 +47,8 @@ if TYPE_CHECKING:
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0
-_MAKING = (
-    "cast ",
-    "corrected with ",
-    "sound speed perturbed ",
-    "replaced by ",
-)  # first words of lines in a history
+# first words of lines in a history
+_MAKING = ("cast ", "corrected with ", "sound speed perturbed ", "replaced by ")
 
 app = Commands(help="Fetch, make, check, show and plot oceans.")
 

@@ -124,9 +124,8 @@ def ranges_config(
     tree = _water_tree(ocean)
     for name, section in sections.items():
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
-    if not tree.get("acoustics", {}).get(
-        "currents"
-    ):  # vehicles do not drift, and no current carries sound
+    # vehicles do not drift, and no current carries sound
+    if not tree.get("acoustics", {}).get("currents"):
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []

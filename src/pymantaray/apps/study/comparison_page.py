@@ -71,19 +71,12 @@ _FIGURES_OF_PAPER = {
     "range_error": "Figure 6",
     "sound_speed": "Figure 4",
 }
-_OF_EACH = (
-    "ray_picture",
-    "fleet_layout",
-    "factor_graph",
-)  # figures that show one run, of a few runs
-_ONE_QUANTITY = (
-    "range_drop_category_compare",
-    "range_error_split",
-    "ate_run_difference",
-)  # tables; rows of the others differ in theirs
-_NewSpec = Callable[
-    [str, str, Callable[[float], Figure]], FigureSpec
-]  # of name, caption and drawing
+# figures that show one run, drawn for a few runs
+_OF_EACH = ("ray_picture", "fleet_layout", "factor_graph")
+# tables of one quantity; rows of the others differ in theirs
+_ONE_QUANTITY = ("range_drop_category_compare", "range_error_split", "ate_run_difference")
+# specification of a figure from its name, caption and drawing
+_NewSpec = Callable[[str, str, Callable[[float], Figure]], FigureSpec]
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {

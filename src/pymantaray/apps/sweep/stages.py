@@ -120,9 +120,8 @@ class Stages:
                 result = self._compute(key, compute) if shared else compute()
                 read = result, perf_counter() - start
             _LATEST[stage] = key, *read
-            if there and not self._store.has(
-                stage_name(key)
-            ):  # the file was damaged; store the result for other points
+            # the file was damaged; store the result for other points
+            if there and not self._store.has(stage_name(key)):
                 self._write(stage, read[0])
         out: _T = _LATEST[stage][1]
         return out

@@ -25,9 +25,8 @@ from pymantaray.records.digits import counted
 # relative differences from the mean slowness at the first corner
 _GUESSES = np.array([0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024])
 _ITERATIONS = 16  # of Newton's method, those of all guesses together
-_CONVERGED = (
-    1e-9  # relative difference between the travel times at the found range and the given one
-)
+# relative difference between the travel times at the found range and the given one
+_CONVERGED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
