@@ -135,15 +135,11 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
 
 
 class _Weakest(NamedTuple):
-    """
-    Variable of the largest standard deviation, whether that is its rotation, its size, and the
-    eigenvalue.
-    """
+    """Variable of the largest standard deviation, whether that is its rotation, and its size."""
 
     variable: int
     turns: bool
     sigma: float  # m or rad
-    eigenvalue: float  # of the information matrix scaled to a unit diagonal
 
 
 def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
@@ -155,7 +151,7 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     diagonal = information.diagonal()
     if not (diagonal > 0.0).all():
         free = int(np.argmin(diagonal > 0.0))
-        return _Weakest(free // SIZE, free % SIZE < 3, np.inf, 0.0)
+        return _Weakest(free // SIZE, free % SIZE < 3, np.inf)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = diags_array(scale) @ information @ diags_array(scale)
     factors = symmetric_factor((scaled + _DAMPING * eye_array(scale.size)).tocsc())
@@ -166,4 +162,4 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     eigenvalue = float(np.dot(x, np.asarray(scaled @ x)))
     stray = np.abs(x * scale) / np.sqrt(max(eigenvalue, _DAMPING))
     furthest = int(np.argmax(stray > 0.999 * stray.max()))
-    return _Weakest(furthest // SIZE, furthest % SIZE < 3, float(stray[furthest]), eigenvalue)
+    return _Weakest(furthest // SIZE, furthest % SIZE < 3, float(stray[furthest]))
