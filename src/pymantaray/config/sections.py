@@ -438,12 +438,8 @@ class OceanSection(Section):
     @property
     def standard_names(self) -> dict[str, str]:
         """CF standard names by variable."""
-        return dict(self._named(name) for name in self.names)
-
-    @staticmethod
-    def _named(text: str) -> tuple[str, str]:
-        variable, _, meaning = text.partition("=")
-        return variable.strip(), meaning.strip()
+        named = (name.partition("=") for name in self.names)
+        return {variable.strip(): meaning.strip() for variable, _, meaning in named}
 
     @property
     def synthetic(self) -> bool:

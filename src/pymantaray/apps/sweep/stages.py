@@ -120,8 +120,9 @@ class Stages:
                 result = self._compute(key, compute) if shared else compute()
                 read = result, perf_counter() - start
             _LATEST[stage] = key, *read
-            # the file was damaged; store the result for other points
-            if there and not self._store.has(stage_name(key)):
+            if there and not self._store.has(
+                stage_name(key)
+            ):  # the file was damaged; store the result for other points
                 self._write(stage, read[0])
         out: _T = _LATEST[stage][1]
         return out
