@@ -152,8 +152,7 @@ def medium_around(
         return _medium_at(ocean, interpolation, earth, time)
     columns = {}
     for name, along in (("north", positions[:, 0]), ("east", positions[:, 1])):
-        axis = ocean.local[name].values
-        first, last = np.searchsorted(axis, [along.min(), along.max()])
+        first, last = np.searchsorted(ocean.local[name].values, [along.min(), along.max()])
         columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
     return Medium.from_dataset(
         ocean.local_at(time, columns), interpolation=interpolation, earth=earth

@@ -322,9 +322,8 @@ def quadrature(paths: RayPaths) -> Quadrature:
     )
     speed = np.linalg.norm(velocity, axis=-1)
     weight = speed * h[..., 0] * _GAUSS_WEIGHTS
-    n = t.shape[1]
     return Quadrature(
-        np.repeat(paths.arrival[a], n),
+        np.repeat(paths.arrival[a], t.shape[1]),
         position.reshape(-1, 3),
         (velocity / speed[..., None] ** 2).reshape(-1, 3),
         weight.reshape(-1),

@@ -47,8 +47,7 @@ def answered_stops() -> Iterator[None]:
     stops.requested.clear()
     hook = sys.unraisablehook
     sys.unraisablehook = _repeat_discarded
-    watch = threading.Thread(target=_watch, args=(read,), daemon=True)
-    watch.start()
+    threading.Thread(target=_watch, args=(read,), daemon=True).start()
     try:
         yield
     finally:

@@ -211,8 +211,7 @@ def _times(data: xr.Dataset, count: int) -> Instants:
         values = _values(data, name, (count,)) if name == "JULD" else numbers(data, name)
         known = np.isfinite(values)
         if known.any():
-            unit = text(data.variables[name], "units")
-            instants = decoded_times(values[known], unit, where=name)
+            instants = decoded_times(values[known], text(data.variables[name], "units"), where=name)
             times[known] = instants + np.timedelta64(500, "us")
             times[times > _LATEST] = np.datetime64("NaT", "us")
     return times

@@ -204,8 +204,7 @@ class LocalGrid:
         Level and distance by which values (north, east, depth) in the water leave the four grid
         points of a field (depth, lat, lon) around them furthest.
         """
-        span = np.ptp(field, axis=(1, 2))
-        levels = np.flatnonzero(_MOST_OF_SPAN * span > ACROSS_MARGIN)
+        levels = np.flatnonzero(_MOST_OF_SPAN * np.ptp(field, axis=(1, 2)) > ACROSS_MARGIN)
         if not levels.size:
             return 0, 0.0
         corners = np.ascontiguousarray(np.moveaxis(field[levels], 0, 2))

@@ -375,11 +375,10 @@ def change_sound_speed(
     beyond = possible != temperature
     if beyond.any():
         fresh = 0.0 * full
-        now = speed(possible, full)
         share = _root(
             lambda s: speed(possible, s),
             full,
-            np.where(beyond, target, now),
+            np.where(beyond, target, speed(possible, full)),
             fresh,
             _MAX_SALINITY_FACTOR * full,
         )

@@ -90,9 +90,8 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     if SEA_FLOOR in ocean:
         return ocean[SEA_FLOOR]
     depth = np.asarray(ocean["depth"].values, dtype=float)
-    levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     return xr.DataArray(
-        layer_edges(depth)[levels],
+        layer_edges(depth)[np.isfinite(ocean["water_temp"].values).sum(axis=0)],
         coords={"lat": ocean["lat"], "lon": ocean["lon"]},
         dims=("lat", "lon"),
         name=SEA_FLOOR,

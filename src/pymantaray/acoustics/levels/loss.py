@@ -148,9 +148,8 @@ def transmission_loss(
             if model is None:
                 continue
             at = bounces.boundary == code
-            speed = bounces.sound_speed[at]
             loss, shift = model.loss_and_phase(
-                bounces.grazing_angle[at], frequency_hz, sound_speed=speed
+                bounces.grazing_angle[at], frequency_hz, sound_speed=bounces.sound_speed[at]
             )
             lost[code] = _sums(bounces.arrival[at], loss, n)
             phase += _sums(bounces.arrival[at], shift, n)

@@ -576,8 +576,7 @@ def _unexplained(graph: FactorGraph, solution: GraphSolution) -> str | None:
     measured = ranges.column("distance")
     one, other = ranges.variables.T
     predicted = np.linalg.norm(place[one] - place[other], axis=1)
-    sigma = np.sqrt(ranges.variance)
-    why = unexplained(measured - predicted, measured, sigma, least=LEAST_RANGE)
+    why = unexplained(measured - predicted, measured, np.sqrt(ranges.variance), least=LEAST_RANGE)
     ratio = np.sqrt(solution.final_cost / max(solution.expected_cost, 0.5))
     if why is None and ratio > LARGEST_RATIO:
         why = (

@@ -372,12 +372,11 @@ class _Reader:
         landmarks = fixed[fixed >= n]
         unit = np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1))
         at = [values.position[poses], values.quaternion[poses]]
-        place = [values.landmark_position[landmarks - n]]
         return {
             "prior": prior.append(KINDS["prior"].table(poses[:, None], at, unit)),
             "survey": KINDS["survey"].table(
                 landmarks[:, None],
-                place,
+                [values.landmark_position[landmarks - n]],
                 np.tile(ANCHOR_SIGMA**2 * np.eye(3), (landmarks.size, 1, 1)),
             ),
         }
@@ -464,10 +463,9 @@ class _Reader:
                     self._known[field] = int(field)
             ends.append([self._known[field] for field in fields])
         if word == EDGE:
-            same = np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool)
             table.refuse_first(
                 self._lines,
-                same,
+                np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool),
                 lambda row: f"{table.word} from {ends[0][row]} to itself",
                 "two different poses",
             )

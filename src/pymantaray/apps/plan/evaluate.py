@@ -188,12 +188,11 @@ def link_scores(run: Run, name: str | None) -> tuple[float, float]:
 def cost_of(study: Study, m: Measurements, costs: CostSection, condition: str) -> float:
     """Cost of stations, landmarks, transmissions, and the cast that a condition assumes."""
     stations = sum(vehicle.behaviour.role == "station" for vehicle in study.fleet.vehicles)
-    casts = sum(c.needs_cast for c in study.conditions if c.name == condition)
     return (
         costs.station * stations
         + costs.landmark * len(study.ranging.landmarks)
         + costs.ping * _pings(m)[1]
-        + costs.cast * casts
+        + costs.cast * sum(c.needs_cast for c in study.conditions if c.name == condition)
     )
 
 

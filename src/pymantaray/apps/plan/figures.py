@@ -90,8 +90,7 @@ def front_figure(results: PlanResults, header: str, width: float = style.DOUBLE)
 
 
 def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
-    frame = results.frame
-    values = frame[[x, y]].to_numpy(dtype=float)
+    values = results.frame[[x, y]].to_numpy(dtype=float)
     usable = np.isfinite(values).all(axis=1)
     if not usable.any():
         style.note(axes, "no design with a result")

@@ -99,8 +99,7 @@ def measure(
         schedule=schedule,
         data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
-    attrs = out.ocean.local.attrs
-    note = centre_note(study.ocean.centre, attrs, trajectories)
+    note = centre_note(study.ocean.centre, out.ocean.local.attrs, trajectories)
     if note:
         logging.getLogger(__name__).warning(note)
     return run_in_memory(study, out)

@@ -150,11 +150,10 @@ def write_comparison(
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
     tables = comparison_tables(runs)
-    specs = comparison_figure_specs(runs)
     return write_page(
         out,
         "comparison",
-        specs,
+        comparison_figure_specs(runs),
         lambda pictures, _: _page(runs, tables, pictures),
         {},
         formats,
@@ -401,10 +400,9 @@ def _of_each(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
 
 def _position_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
     """Position errors by condition and run. [m]"""
-    conditions = dict.fromkeys(name for r in runs.values() for name in r.errors)
     return {
         condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
-        for c in conditions
+        for c in dict.fromkeys(name for r in runs.values() for name in r.errors)
     }
 
 
@@ -454,7 +452,6 @@ def _page(
 ) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
     first = [tables[name] for name in _FIRST if name in tables]
-    others = [table for name, table in tables.items() if name not in _FIRST]
     return Page(
         title=in_words(list(runs)),
         facts=[
@@ -469,7 +466,7 @@ def _page(
         more_pictures={"Mission of each run": _shared(runs, pictures)}
         if len(runs) <= _MAX_RUNS_BESIDE
         else None,
-        tables=others,
+        tables=[table for name, table in tables.items() if name not in _FIRST],
         citation=citation_of(list(runs.values())),
         cite="Cite these runs",
     )
@@ -522,9 +519,8 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
         for name, r in runs.items()
     ]
     groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]
-    table = pd.concat(frames, ignore_index=True)
     return table_explorer(
-        table,
+        pd.concat(frames, ignore_index=True),
         list(_STATISTICS["ate_pooled"]),
         ["run", *keys.columns],
         ["condition", "run", *groups],

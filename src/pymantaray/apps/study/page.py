@@ -515,8 +515,7 @@ def _sigma(run: Run, condition: int) -> dict[str, Any]:
     covariances = run.covariances
     if covariances is None:
         return {}
-    own = covariances.position_covariance[condition]
-    variance = np.einsum("reaiai->rea", own)
+    variance = np.einsum("reaiai->rea", covariances.position_covariance[condition])
     with np.errstate(invalid="ignore"):
         sigma = (
             np.sqrt(np.nanmean(variance, axis=0))

@@ -229,10 +229,9 @@ def collect(
     if page:
         from pymantaray.apps.sweep import write_sweep_page
 
-        fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
         written = write_sweep_page(
             results.table(),
-            fields,
+            [name for axis in results.sweep.axes for name in axis.coordinates()],
             folder,
             title=results.sweep.name,
             notes=results.notes,

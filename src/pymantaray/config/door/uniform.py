@@ -262,8 +262,7 @@ def _sea_floor(
     lat, lon = frame.to_geodetic(*np.meshgrid(*edges, indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
     coarse = Window(np.array(box[:2]), np.array(box[2:]), frame)
-    sea_floor = open_sea_floor(bed, window=box, crs=section.bathymetry_crs)
-    return local_floor(sea_floor, coarse, half)
+    return local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
 
 
 def _bed_notes(profile: Profile, floor: Array | xr.DataArray, bottom: float) -> Iterator[str]:

@@ -209,10 +209,9 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     weight = np.concatenate(
         [1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)]
     )
-    unary = graph.of_ends(("pose",), ("landmark",))
     anchors = [
         table
-        for table in unary
+        for table in graph.of_ends(("pose",), ("landmark",))
         if "position" in table.kind.columns_at and not table.kind.is_partial
     ]
     at = np.concatenate([table.subject for table in anchors])

@@ -103,8 +103,7 @@ def fleet_layout(
     _finish(solid, truth, measurements, feet)
     draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
-    title = "(b) start, greatest depth and track"
-    figure.text(*place(*layout.title)[:2], title, fontsize=7.5)
+    figure.text(*place(*layout.title)[:2], "(b) start, greatest depth and track", fontsize=7.5)
     style.panel_title(time, "c", "depth")
     return figure
 

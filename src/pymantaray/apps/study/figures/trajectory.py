@@ -68,8 +68,7 @@ def _caption_over_time(results: RunResults) -> str:
 def pooled_ape(panels: Sequence[ApePanel], header: str, *, width: float = style.DOUBLE) -> Figure:
     """Distribution of the translational error, all vehicles, times and realizations pooled."""
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
-    rows = max(len(conditions), 1)
-    figure, grid = _ape_grid(rows, len(panels), header, width)
+    figure, grid = _ape_grid(max(len(conditions), 1), len(panels), header, width)
     pooled = [
         {name: values[np.isfinite(values)] for name, values in panel.errors.items()}
         for panel in panels
