@@ -93,6 +93,7 @@ def trace_paths(
             "paths of rays under rough ice are not available, only their arrivals; remove the"
             " roughness (`ice_slope_deg`)"
         )
+    # launches as the solver found them, with the numbers of their reflections
     domain = medium.domain()
     ends, launch = _ends_and_launches(medium, a, b, arrivals)
     manner = np.stack(
@@ -103,6 +104,7 @@ def trace_paths(
     counts = np.zeros(arrivals.link.size, dtype=np.int64)
     own = threading.local()
 
+    # each thread has its own room, which holds a few paths at a time
     def trace(start: int, stop: int) -> Array:
         if not hasattr(own, "work"):
             own.work, own.nodes = _room(medium)
@@ -120,6 +122,7 @@ def trace_paths(
 
     with closing(in_blocks(trace, arrivals.link.size, threads=threads)) as blocks:
         table = np.concatenate(list(blocks))
+    # a path without a node ended before its receiver
     if not counts.all():
         broken = np.flatnonzero(counts == 0)
         raise AcousticsError(
@@ -211,6 +214,7 @@ def trace_fan(
         )
     if not (distance > 0.0 and math.isfinite(distance)):
         raise AcousticsError(f"distance: {distance}; a positive length in metres is needed")
+    # the whole fan must be inside the medium, its source in the water
     unit = math.cos(azimuth), math.sin(azimuth)
     end = start[0] + distance * np.array([*unit, 0.0])
     for name, axis, k in (("north", medium.north, 0), ("east", medium.east, 1)):
@@ -228,6 +232,7 @@ def trace_fan(
         raise AcousticsError(
             f"source: depth {depth} m; the water there reaches from {low} to {high} m"
         )
+    # rays of all launch angles, as many at a time as their nodes have room
     if medium.earth is not None:
         start[:, 2] = medium.earth.flattened_depth(start[:, 2])
     domain, (work, nodes) = medium.domain(), _room(medium)

@@ -115,6 +115,7 @@ def _simulation(study: Study) -> dict[str, Any]:
     period = fleet.sampling_period
     frequency = 1.0 / period
     spread = _SPREAD_DEG if search.cone is None else _digits(math.degrees(search.cone))
+    # sensors of a sample have the frequency of the samples
     sensors = {
         "gt_freq_hz": frequency,
         "odom_freq_hz": frequency,
@@ -125,6 +126,7 @@ def _simulation(study: Study) -> dict[str, Any]:
     }
     if study.gnss_depth != _GNSS_DEPTH:  # only later versions of the program read this key
         sensors["gps_surface_range_meters"] = study.gnss_depth
+    # variances of the graph that the program writes
     pfg: dict[str, Any] = {
         "use_ground_truth_odometry": True,
         "range_variance": _variance(noise.range_sigma),
