@@ -531,7 +531,7 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
 _COLUMNS += ["difference_m", "t_low_m", "t_high_m"]
 
 
-def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95) -> pd.DataFrame:
+def run_differences(runs: Mapping[str, RunResults]) -> pd.DataFrame:
     """
     Differences of the mean position error between each two runs, by condition.
 
@@ -552,7 +552,7 @@ def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95)
             counts = str(a.size) if paired else f"{a.size} and {b.size}"
             means = (float(values.mean()) if values.size else np.nan for values in (a, b))
             keys = (condition, name, baseline, "yes" if paired else "no", counts)
-            rows.append((*keys, *means, *_interval(a, b, confidence, paired=paired)))
+            rows.append((*keys, *means, *_interval(a, b, paired=paired)))
     return pd.DataFrame(rows, columns=_COLUMNS)
 
 
@@ -562,16 +562,16 @@ def _of_realizations(results: RunResults, condition: str) -> "pd.Series[float]":
     return pd.Series(mean, index=results.run.estimates.realization)
 
 
-def _interval(a: Array, b: Array, confidence: float, *, paired: bool) -> tuple[float, float, float]:
-    """Difference of two means, and its confidence interval."""
+def _interval(a: Array, b: Array, *, paired: bool) -> tuple[float, float, float]:
+    """Difference of two means, and its 95 % confidence interval."""
     from scipy.stats import ttest_ind
 
     if not a.size or not b.size:
         return np.nan, np.nan, np.nan
     difference = float(a.mean() - b.mean())
     if paired:
-        return difference, *paired_interval(a - b, confidence)
+        return difference, *paired_interval(a - b)
     if min(a.size, b.size) < 2:
         return difference, np.nan, np.nan
-    low, high = ttest_ind(a, b, equal_var=False).confidence_interval(confidence)
+    low, high = ttest_ind(a, b, equal_var=False).confidence_interval()
     return difference, float(low), float(high)
