@@ -27,7 +27,7 @@ MAX_FLOOR_NODES = 1_000_000
 Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a
 larger file.
 """
-_MIN_CELLS = 2  # on either side of the centre
+MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
 # latitudes times longitudes onto which a file in a map projection is interpolated
@@ -205,7 +205,7 @@ def local_floor(
     wider = 1.0
     while True:
         cells = [
-            max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, step, strict=True)
+            max(MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, step, strict=True)
         ]
         if np.prod([2.0 * n + 1.0 for n in cells]) <= MAX_FLOOR_NODES:
             break

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pymantaray.apps.authors.holds import counted_steps, extra_steps
+from pymantaray.apps.authors.holds import DEPTH_GAIN, counted_steps, extra_steps
 from pymantaray.apps.authors.simulation import LETTERS, REFLECTED
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
@@ -32,7 +32,6 @@ _BEAMS = 100  # of the authors' configurations
 _MAX_BEAMS = 400
 _SPREAD_DEG = 15.0
 _GNSS_DEPTH = 0.1  # m, of the program
-_DEPTH_GAIN = 10.0  # 1/s, of the program
 
 
 def export_authors(
@@ -273,7 +272,7 @@ def _notes(study: Study, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
             " in Python"
         )
     if any(
-        isinstance(v.behaviour, FloatCycle) and v.behaviour.depth_gain != _DEPTH_GAIN
+        isinstance(v.behaviour, FloatCycle) and v.behaviour.depth_gain != DEPTH_GAIN
         for v in study.fleet.vehicles
     ):
         yield "depth_gain is not written: the program has 10 per second"
