@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import Any, get_args
 
 import pydantic
 
@@ -259,7 +259,7 @@ def choices() -> dict[str, str]:
 
 def choices_of_the_world() -> Iterator[str]:
     """Tables of equations, behaviours and sensors."""
-    from pymantaray.fleet.behaviours import BEHAVIOURS
+    from pymantaray.fleet.behaviours import Behaviour
     from pymantaray.ocean.equations import EQUATIONS
     from pymantaray.sensing.noise import SENSORS
 
@@ -275,7 +275,7 @@ def choices_of_the_world() -> Iterator[str]:
     yield "## Behaviours of vehicles"
     yield "The key `kind` of `[[fleet.vehicles]]`."
     yield table(
-        ("name", "meaning"), [(f"`{role}`", summary(kind)) for role, kind in BEHAVIOURS.items()]
+        ("name", "meaning"), [(f"`{kind.role}`", summary(kind)) for kind in get_args(Behaviour)]
     )
     yield "## Sensors"
     yield "All sensors but ranges. The key `mission.sensors` adds sensors of other packages."

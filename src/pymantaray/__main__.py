@@ -31,14 +31,12 @@ def main() -> None:
     # figures are drawn into files; another value would end each import of Matplotlib, here and in
     # other processes
     os.environ.pop("MPLBACKEND", None)
-    if (
-        not sys.warnoptions and "PYTHONWARNINGS" not in os.environ
-    ):  # of numpy, in this process and in workers
+    # warnings of numpy, in this process and in workers
+    if not sys.warnoptions and "PYTHONWARNINGS" not in os.environ:
         warnings.simplefilter("ignore", RuntimeWarning)
         os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # only the main thread may handle signals
+    # only the main thread may handle signals
+    if threading.current_thread() is not threading.main_thread():
         from pymantaray.cli.main import main as run
     else:
         before = signal.signal(signal.SIGINT, lambda *_: os._exit(130))

@@ -153,9 +153,9 @@ def first_bytes(path: str | Path, count: int) -> bytes:
         return b""
 
 
-def read_toml(path: str | Path, refusal: Refusal, *, limit: int = MAX_BYTES) -> dict[str, Any]:
+def read_toml(path: str | Path, refusal: Refusal) -> dict[str, Any]:
     """Return the nested dictionaries of a TOML file, as `open_regular` and `parse_toml`."""
-    return parse_toml(read_text(path, refusal, what="a TOML file", limit=limit), str(path), refusal)
+    return parse_toml(read_text(path, refusal, what="a TOML file"), str(path), refusal)
 
 
 def parse_toml(text: str, label: str, refusal: Refusal) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from pymantaray.config.door.beliefs import Beliefs
 from pymantaray.config.door.ocean import build_mission_ocean, open_start
 from pymantaray.config.door.water import configuration_of, open_local
 from pymantaray.config.estimators import ExactBelief
+from pymantaray.config.sections import OceanSection
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import cast_ocean, open_ocean, read_cast, to_local, with_ice
 from pymantaray.records import RayStatus
@@ -72,6 +73,11 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path, as_stored):
     file = [str(tmp_path / "fram.nc")]
     assert own == [["synthetic:fram"], file, file, ["memory:"], file]
     as_stored(waters[2], without="source|memory|title")
+
+
+def test_blanks_around_names_of_variables_do_not_count():
+    section = OceanSection(source=("own.nc",), names=("temp = sea_water_temperature [degC]",))
+    assert section.standard_names == {"temp": "sea_water_temperature [degC]"}
 
 
 def test_a_local_ocean_is_taken_as_it_is(fram, as_stored):

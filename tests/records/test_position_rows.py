@@ -122,6 +122,7 @@ def test_the_equator_at_greenwich_is_a_place():
     position = (NORTH - NORTH[20]) / 111_120.0
     assert not missing_fixes(position)
     assert missing_fixes(changed(position + 1.0, 20, 0.0))
+    assert not missing_fixes(np.zeros((3, 2)))  # no other row is elsewhere
 
 
 @pytest.mark.parametrize("about", [180.0, 0.0, -125.1])

@@ -187,12 +187,14 @@ class Medium:
             )
         from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
 
+        # splines of the sound speed in depth of the flattened Earth, then across
         (n, e, z), c, notes = _with_wide_steps((n, e, z), c)
         levels_z, speed = _flattened(z, c, earth)
         knots_n = knots_e = np.array([0.0, 1.0])
         field = speed
         if interpolation == "smooth":
             field = _with_slopes(levels_z, speed)
+            # a spline that leaves its levels too far is linear there
             if beyond_margin(levels_z, speed, field[..., z.size :]).any():
                 levels = z
                 z, c, left = bounded_levels(z, c)
@@ -202,9 +204,11 @@ class Medium:
             degrees, straight = across_degrees((n, e), c)
             notes += straight
             knots_n, knots_e = _into_coefficients(field, (n, e), degrees)
+        # table from depth to level, by which the kernels find a cell at once
         lut = np.zeros((LUT_SIZE, 4))
         scale = float(depth_lut(levels_z, lut))
         _check_ice(surface, bed)
+        # threads and copies of the medium share these arrays
         for array in (n, e, z, c, field, knots_n, knots_e, lut):
             array.setflags(write=False)
         uniform = bool((c == c[0, 0]).all())

@@ -87,9 +87,8 @@ def with_direct_rays(arrivals: Arrivals, source: Array, receiver: Array, near: M
 
 def of_one_instrument(source: Array, receiver: Array) -> NDArray[np.intp]:
     """Links whose ends (n, 3) are less than `SHORT_LINK` apart."""
-    near = (np.abs(receiver - source) < SHORT_LINK).all(
-        axis=1
-    )  # first, so that no square overflows
+    # each axis first, so that no square overflows
+    near = (np.abs(receiver - source) < SHORT_LINK).all(axis=1)
     links = np.flatnonzero(near)
     distance = np.linalg.norm(receiver[links] - source[links], axis=1)
     return np.asarray(links[distance < SHORT_LINK])

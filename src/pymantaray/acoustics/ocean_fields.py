@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.currents import Currents
-from pymantaray.acoustics.levels.absorption import Absorption
+from pymantaray.acoustics.levels.absorption import Absorption, AbsorptionName
 from pymantaray.acoustics.medium import Interpolation, Medium
 from pymantaray.acoustics.profiles import Profile
 from pymantaray.errors import StudyError
@@ -81,25 +81,23 @@ class OceanFields:
         """True if the sound speed varies in time."""
         return self.series is not None or has_internal_tide(self.local)
 
-    def absorption(self, formula: str, centre: tuple[float, float] | None) -> Absorption | None:
-        """
-        Absorption in the water by a formula, or ``none``; most formulas need temperature and
-        salinity.
-        """
+    def absorption(
+        self, formula: AbsorptionName, centre: tuple[float, float] | None
+    ) -> Absorption | None:
+        """Absorption in the water; most formulas need temperature and salinity."""
         if formula == "none":
             return None
         if formula == "thorp":
             return Absorption.thorp()
-        known: Any = formula
         if self.geographic is not None:
-            return Absorption.from_dataset(self.geographic, centre=centre, formula=known)
+            return Absorption.from_dataset(self.geographic, centre=centre, formula=formula)
         if self.cast is None or self.cast.water is None:
             raise StudyError(
                 f"detection.absorption is {formula}, but"
                 f" {self.local.attrs.get('title', 'the water')} has no temperature or salinity; set"
                 " detection.absorption to thorp or none"
             )
-        return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=known)
+        return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=formula)
 
     def local_at(
         self, time: float, columns: Mapping[str, slice] = MappingProxyType({})
@@ -131,9 +129,8 @@ def _medium_at(
 ) -> Medium:
     local = ocean.local_at(time)
     if ocean.unbounded:
-        local = local.isel(
-            north=[0], east=[0]
-        )  # an axis with one point has no variation and no end
+        # an axis with one point has no variation and no end
+        local = local.isel(north=[0], east=[0])
     return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 
@@ -155,8 +152,7 @@ def medium_around(
         return _medium_at(ocean, interpolation, earth, time)
     columns = {}
     for name, along in (("north", positions[:, 0]), ("east", positions[:, 1])):
-        axis = ocean.local[name].values
-        first, last = np.searchsorted(axis, [along.min(), along.max()])
+        first, last = np.searchsorted(ocean.local[name].values, [along.min(), along.max()])
         columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
     return Medium.from_dataset(
         ocean.local_at(time, columns), interpolation=interpolation, earth=earth

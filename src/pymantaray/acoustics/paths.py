@@ -16,7 +16,7 @@ from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.solving import as_positions, in_blocks
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records import Arrivals, RayStatus
@@ -93,6 +93,7 @@ def trace_paths(
             "paths of rays under rough ice are not available, only their arrivals; remove the"
             " roughness (`ice_slope_deg`)"
         )
+    # launches as the solver found them, with the numbers of their reflections
     domain = medium.domain()
     ends, launch = _ends_and_launches(medium, a, b, arrivals)
     manner = np.stack(
@@ -103,6 +104,7 @@ def trace_paths(
     counts = np.zeros(arrivals.link.size, dtype=np.int64)
     own = threading.local()
 
+    # each thread has its own room, which holds a few paths at a time
     def trace(start: int, stop: int) -> Array:
         if not hasattr(own, "work"):
             own.work, own.nodes = _room(medium)
@@ -120,6 +122,7 @@ def trace_paths(
 
     with closing(in_blocks(trace, arrivals.link.size, threads=threads)) as blocks:
         table = np.concatenate(list(blocks))
+    # a path without a node ended before its receiver
     if not counts.all():
         broken = np.flatnonzero(counts == 0)
         raise AcousticsError(
@@ -211,6 +214,7 @@ def trace_fan(
         )
     if not (distance > 0.0 and math.isfinite(distance)):
         raise AcousticsError(f"distance: {distance}; a positive length in metres is needed")
+    # the whole fan must be inside the medium, its source in the water
     unit = math.cos(azimuth), math.sin(azimuth)
     end = start[0] + distance * np.array([*unit, 0.0])
     for name, axis, k in (("north", medium.north, 0), ("east", medium.east, 1)):
@@ -228,6 +232,7 @@ def trace_fan(
         raise AcousticsError(
             f"source: depth {depth} m; the water there reaches from {low} to {high} m"
         )
+    # rays of all launch angles, as many at a time as their nodes have room
     if medium.earth is not None:
         start[:, 2] = medium.earth.flattened_depth(start[:, 2])
     domain, (work, nodes) = medium.domain(), _room(medium)
@@ -311,17 +316,9 @@ def quadrature(paths: RayPaths) -> Quadrature:
     >>> print(np.bincount(nodes.arrival, nodes.weight).round(2))
     [3020.53 3033.99]
     """
-    first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
-    a = first
-    b = first + 1
-    h = (paths.travel_time[b] - paths.travel_time[a])[:, None, None]
+    a = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
+    h, x0, v0, x1, v1 = (part[:, None] for part in _segments(paths, a))
     t = _GAUSS_NODES[None, :, None]
-    x0 = paths.position[a, None]
-    x1 = paths.position[b, None]
-    v0, v1 = (
-        p / np.sum(p * p, axis=-1, keepdims=True)
-        for p in (paths.slowness[a, None], paths.slowness[b, None])
-    )
     position = _hermite(t, h, x0, v0, x1, v1)
     velocity = (
         (6.0 * t**2 - 6.0 * t) * (x0 - x1) / h
@@ -330,9 +327,8 @@ def quadrature(paths: RayPaths) -> Quadrature:
     )
     speed = np.linalg.norm(velocity, axis=-1)
     weight = speed * h[..., 0] * _GAUSS_WEIGHTS
-    n = t.shape[1]
     return Quadrature(
-        np.repeat(paths.arrival[a], n),
+        np.repeat(paths.arrival[a], t.shape[1]),
         position.reshape(-1, 3),
         (velocity / speed[..., None] ** 2).reshape(-1, 3),
         weight.reshape(-1),
@@ -353,15 +349,10 @@ def resample(paths: RayPaths, n_points: int) -> Array:
         k = np.clip(
             np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2
         )
-        a = nodes[k]  # the next node, before a reflection
-        b = nodes[k] + 1
-        h = (paths.travel_time[b] - paths.travel_time[a])[:, None]
-        t = (times - paths.travel_time[a])[:, None] / h
-        v0, v1 = (
-            p / np.sum(p * p, axis=-1, keepdims=True)
-            for p in (paths.slowness[a], paths.slowness[b])
-        )
-        out[i] = _hermite(t, h, paths.position[a], v0, paths.position[b], v1)
+        # a segment ends at the next node, before a reflection
+        h, *ends = _segments(paths, nodes[k])
+        t = (times - paths.travel_time[nodes[k]])[:, None] / h
+        out[i] = _hermite(t, h, *ends)
     return out
 
 
@@ -639,6 +630,20 @@ def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray
         if starts.size
         else starts
     )
+
+
+def _segments(paths: RayPaths, first: Indices) -> tuple[Array, ...]:
+    """
+    Durations (n, 1) of segments that begin at the first nodes, and positions and velocities of
+    their ends, as `_hermite` takes them.
+    """
+    last = first + 1
+    v0, v1 = (
+        p / np.sum(p * p, axis=-1, keepdims=True)
+        for p in (paths.slowness[first], paths.slowness[last])
+    )
+    duration = (paths.travel_time[last] - paths.travel_time[first])[:, None]
+    return duration, paths.position[first], v0, paths.position[last], v1
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:

@@ -40,6 +40,7 @@ Sediment = Literal[
     "silty-clay",
 ]
 """Sediment of a sea bed in a configuration, see `bed_reflection`."""
+SurfaceLoss = Literal["bubbles", "coherent"]
 _WATER_DENSITY = 1025.0  # kg/m3
 _LIGHTEST = 500.0  # kg/m3; of a sediment, so that densities in g/cm3 are refused
 _GRAVITY = 9.81
@@ -226,7 +227,7 @@ class SeaSurface(_Scattering):
     """
 
     wind_speed: float
-    model: Literal["bubbles", "coherent"] = "bubbles"
+    model: SurfaceLoss = "bubbles"
 
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "m/s", "wind_speed")

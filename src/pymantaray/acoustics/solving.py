@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
-_FEW_LINKS = (
-    16  # direct links that are one block, because the kernel traces rays of several links together
-)
+# direct links that are one block, because the kernel traces rays of several links together
+_FEW_LINKS = 16
 _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 # s; duration of a block: long compared with Python's work between two blocks, and short enough to
 # stop quickly
@@ -39,9 +38,8 @@ def as_positions(name: str, values: ArrayLike) -> Array:
     """
     Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]
     """
-    points = np.atleast_2d(
-        np.array(values, dtype=float, order="C")
-    )  # kernels are compiled for that order
+    # kernels are compiled for C order
+    points = np.atleast_2d(np.array(values, dtype=float, order="C"))
     if points.ndim != 2 or points.shape[1] != 3:
         raise AcousticsError(
             f"{name} has shape {points.shape}; it must be (n_links, 3): north, east, down in metres"
@@ -148,9 +146,8 @@ def in_blocks(
     if start == n_rows:
         return
     workers = min(most, n_rows - start)
-    if (
-        workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS
-    ):  # starting threads would take longer
+    # starting threads would take longer
+    if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:
         while start < n_rows:
             stop = after(start)
             done, pace = timed(start, stop)

@@ -28,7 +28,11 @@ def commands(first: str = "") -> dict[str, Callable[..., Any]]:
     with a first word, if any has.
     """
     homes = _sources()
-    words = {name: _first_words(source) for name, source in homes.items()}
+    # first words of the names in COMMANDS of a module, which is not imported for them
+    words = {
+        name: set(re.findall(r'"([\w-]+)[^"]*":', source[source.rindex("\nCOMMANDS = ") :]))
+        for name, source in homes.items()
+    }
     wanted = [name for name in homes if first in words[name]] or list(homes)
     found: dict[str, Callable[..., Any]] = {}
     for name in wanted:
@@ -77,8 +81,3 @@ def _summary(definition: ast.AST) -> Summary:
     assert isinstance(definition, ast.Call)
     text = next(ast.literal_eval(word.value) for word in definition.keywords if word.arg == "help")
     return Summary(str(text), is_group=True)
-
-
-def _first_words(source: str) -> set[str]:
-    """First words of the names in ``COMMANDS`` of a module, which is not imported for them."""
-    return set(re.findall(r'"([\w-]+)[^"]*":', source[source.rindex("\nCOMMANDS = ") :]))

@@ -122,9 +122,8 @@ def _run(arguments: list[str] | None) -> None:
                 raise SystemExit(stop) from None
             if _lacks_memory(error):
                 _print_error(_memory_line())
-            elif (
-                isinstance(error, OSError) and error.filename is not None
-            ):  # a name that the user gave
+            elif isinstance(error, OSError) and error.filename is not None:
+                # a name that the user gave
                 _print_error(
                     f"{shown(os.fsdecode(error.filename))}: {error.strerror}; use another name"
                 )

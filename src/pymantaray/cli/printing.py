@@ -302,10 +302,8 @@ def use_options_of(parameters: Iterable[inspect.Parameter]) -> None:
     for p in parameters:
         for mark in getattr(p.annotation, "__metadata__", ()):
             if isinstance(mark, OptionInfo):
-                words = (
-                    mark.default,
-                    *(mark.param_decls or ()),
-                )  # typer's first argument may be a name
+                # typer's first argument may be a name
+                words = (mark.default, *(mark.param_decls or ()))
                 names = [word for word in words if isinstance(word, str) and word.startswith("--")]
                 _flags[p.name] = (
                     names[0].partition("/")[0] if names else f"--{p.name.replace('_', '-')}"

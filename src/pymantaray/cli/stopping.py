@@ -35,9 +35,8 @@ def answered_stops() -> Iterator[None]:
     """
     Handle stop requests in the block by exceptions, and end the process if they cannot be raised.
     """
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # other threads cannot set signal handlers
+    # other threads cannot set signal handlers
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     read, write = os.pipe()
@@ -48,8 +47,7 @@ def answered_stops() -> Iterator[None]:
     stops.requested.clear()
     hook = sys.unraisablehook
     sys.unraisablehook = _repeat_discarded
-    watch = threading.Thread(target=_watch, args=(read,), daemon=True)
-    watch.start()
+    threading.Thread(target=_watch, args=(read,), daemon=True).start()
     try:
         yield
     finally:

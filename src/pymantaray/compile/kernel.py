@@ -230,9 +230,8 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
         finally:
             while locks:
                 with locks.pop() as lock, suppress(OSError):
-                    fcntl.flock(
-                        lock, fcntl.LOCK_UN
-                    )  # a process that was forked meanwhile has the file, too
+                    # a process that was forked meanwhile has the file, too
+                    fcntl.flock(lock, fcntl.LOCK_UN)
 
     compiled._cache.load_overload, compiled.compile = load_or_wait, compile_and_unlock
     compiled._cache.save_overload = save_unless_in_memory

@@ -6,7 +6,7 @@ quantities with units.
 import datetime as dt
 import os
 from collections.abc import Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
@@ -35,44 +35,29 @@ NONE = "none"
 """Word for no value, for every key that may have none."""
 
 
-def _quantity(value: object, unit: str) -> object:
-    """Convert text with a unit to a number; other values are returned unchanged."""
-    return quantity_of(value, unit) if isinstance(value, str) else value
-
-
-# quantities: a number is in the unit of the key; text has its own unit and is converted to that of
-# the key
 T = TypeVar("T")
-Metres = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="m")), Field(json_schema_extra={"unit": "m"})
-]
-Seconds = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="s")), Field(json_schema_extra={"unit": "s"})
-]
-Hours = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="h")), Field(json_schema_extra={"unit": "h"})
-]
-Days = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="d")), Field(json_schema_extra={"unit": "d"})
-]
-MetresPerSecond = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="m/s")), Field(json_schema_extra={"unit": "m/s"})
-]
-Degrees = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="deg")), Field(json_schema_extra={"unit": "deg"})
-]
-Radians = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="rad")), Field(json_schema_extra={"unit": "rad"})
-]
-DegreesPerSecond = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="deg/s")), Field(json_schema_extra={"unit": "deg/s"})
-]
-RadiansPerSecond = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="rad/s")), Field(json_schema_extra={"unit": "rad/s"})
-]
-Hertz = Annotated[
-    T, BeforeValidator(partial(_quantity, unit="Hz")), Field(json_schema_extra={"unit": "Hz"})
-]
+
+
+def _in(unit: str) -> tuple[BeforeValidator, Any]:
+    """Marks of a quantity: a number is in this unit; text with its own unit is converted."""
+    return (
+        BeforeValidator(
+            lambda value: quantity_of(value, unit) if isinstance(value, str) else value
+        ),
+        Field(json_schema_extra={"unit": unit}),
+    )
+
+
+Metres = Annotated[T, *_in("m")]
+Seconds = Annotated[T, *_in("s")]
+Hours = Annotated[T, *_in("h")]
+Days = Annotated[T, *_in("d")]
+MetresPerSecond = Annotated[T, *_in("m/s")]
+Degrees = Annotated[T, *_in("deg")]
+Radians = Annotated[T, *_in("rad")]
+DegreesPerSecond = Annotated[T, *_in("deg/s")]
+RadiansPerSecond = Annotated[T, *_in("rad/s")]
+Hertz = Annotated[T, *_in("Hz")]
 
 
 def _instant(value: object) -> object:

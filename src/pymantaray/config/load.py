@@ -332,8 +332,7 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
         circle = " -> ".join(Path(name).name for name in (*chain[chain.index(reached) :], reached))
         raise StudyError(f"{label}: base: {circle} is a circle; remove one of these keys")
     try:
-        below = _tree(source, chain)
-        tree = merged(below, rest)
+        tree = merged(_tree(source, chain), rest)
     except StudyError as error:
         raise StudyError(
             str(error) if str(error).startswith(label) else f"{label}: base: {error}"

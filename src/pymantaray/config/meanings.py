@@ -32,7 +32,6 @@ def meaning(model: type[BaseModel], key: str) -> str:
 @cache
 def _texts(module: str) -> dict[str, dict[str, str]]:
     """Texts below the keys of the classes of a module, by class and key."""
-    tree = ast.parse(inspect.getsource(sys.modules[module]))
     return {
         owner.name: {
             key.target.id: " ".join(text.value.value.split())
@@ -43,6 +42,6 @@ def _texts(module: str) -> dict[str, dict[str, str]]:
             and isinstance(text.value, ast.Constant)
             and isinstance(text.value.value, str)
         }
-        for owner in ast.walk(tree)
+        for owner in ast.walk(ast.parse(inspect.getsource(sys.modules[module])))
         if isinstance(owner, ast.ClassDef)
     }

@@ -17,7 +17,8 @@ from pydantic import (
     model_validator,
 )
 
-from pymantaray.acoustics.reflection import Sediment, sediment_source
+from pymantaray.acoustics.levels.absorption import AbsorptionName
+from pymantaray.acoustics.reflection import Sediment, SurfaceLoss, sediment_source
 from pymantaray.acoustics.selection import ArrivalRule
 from pymantaray.config.checks import NAME, NAMED
 from pymantaray.config.common import (
@@ -55,7 +56,7 @@ from pymantaray.config.parse import parse
 from pymantaray.config.references import References, data_references
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.equations import EQUATIONS
-from pymantaray.ocean.names import SYNTHETIC, Equation
+from pymantaray.ocean.names import SYNTHETIC, CurrentsPolicy, Equation
 from pymantaray.quantities.units import is_like_quantity, quantity_of
 from pymantaray.records.digits import counted
 from pymantaray.records.status import TRUTH
@@ -91,7 +92,7 @@ class AcousticsSection(Section):
     """
     max_surface_bounces: Bounces = 0
     """Maximum number of reflections at the surface or under ice."""
-    surface_loss: Literal["none", "bubbles", "coherent"] = "none"
+    surface_loss: Literal["none", SurfaceLoss] = "none"
     """
     Loss of a reflection at a rough sea surface: absorption by bubbles, or loss of coherence; needs
     ``[detection]``.
@@ -221,9 +222,7 @@ class DetectionSection(Section):
     Standard deviation of the level around its prediction; with 0, detection is certain or
     impossible. [dB]
     """
-    absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = (
-        "francois-garrison"
-    )
+    absorption: AbsorptionName = "francois-garrison"
     """Formula of absorption by sea water."""
     coherent: bool | Literal["auto"] = "auto"
     """
@@ -342,7 +341,7 @@ class OceanSection(Section):
     """
     time_varying: bool = False
     """True if the ocean varies during the mission."""
-    currents: Literal["required", "rest"] = "required"
+    currents: CurrentsPolicy = "required"
     """If the ocean has no currents: ``"required"`` is an error, ``"rest"`` sets them to zero."""
     equation: Equation = "teos-10"
     """Equation of sound speed from temperature, salinity and pressure."""
@@ -439,12 +438,8 @@ class OceanSection(Section):
     @property
     def standard_names(self) -> dict[str, str]:
         """CF standard names by variable."""
-        return dict(self._named(name) for name in self.names)
-
-    @staticmethod
-    def _named(text: str) -> tuple[str, str]:
-        variable, _, meaning = text.partition("=")
-        return variable.strip(), meaning.strip()
+        named = (name.partition("=") for name in self.names)
+        return {variable.strip(): meaning.strip() for variable, _, meaning in named}
 
     @property
     def synthetic(self) -> bool:

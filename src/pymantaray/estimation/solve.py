@@ -120,6 +120,7 @@ class GraphSolver:
                 "an incremental solve, a fixed-lag solve and GTSAM need ranges as distances;"
                 " choose the range model constant or transmitter"
             )
+        # a filter or a smoother over time, with covariances of its own
         if method.kalman:
             if method != Method(kalman=True):
                 raise EstimationError(
@@ -156,6 +157,7 @@ class GraphSolver:
             solution = self._batch_solution(
                 graph, end, model_is_right=model_is_right, model_ranges=model_ranges
             )
+        # marginals by the factor of the last step, whose memory is released
         last = end.optimum.last
         needed = covariance_poses is not None and solution.usable
         if needed and last is not None and (covariances_if is None or covariances_if(solution)):

@@ -22,9 +22,8 @@ from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
-_PROBES = (
-    16  # random vectors in memory; those of a vehicle, whose standard error is then accurate to 8 %
-)
+# random vectors in memory; those of a vehicle, whose standard error is then accurate to 8 %
+_PROBES = 16
 _FLEET_SETS = 3  # sets of so many vectors for a fleet, whose standard error is then accurate to 5 %
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 

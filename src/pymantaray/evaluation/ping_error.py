@@ -107,9 +107,8 @@ def ping_error_table(
     for c, name in enumerate(names):
         from_straight = at_pings(lengths(estimates.position[c] - straight))
         own, apart = (e[np.isfinite(e)] for e in (at_pings(errors[c]), from_straight))
-        squares = (
-            np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)
-        )  # of each realization
+        # mean squares of each realization
+        squares = np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)
         bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan
         rmse = root_mean(own**2)
         rows.append(

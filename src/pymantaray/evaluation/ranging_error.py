@@ -323,8 +323,7 @@ def _shape(e: Array) -> dict[str, float]:
 def _tails(e: Array) -> dict[str, float]:
     if e.size == 0:
         return dict.fromkeys([*(f"p{p}_m" for p in _TAILS), "min_m", "max_m"], np.nan)
-    percentiles = np.percentile(e, _TAILS)
-    return {f"p{p}_m": float(v) for p, v in zip(_TAILS, percentiles, strict=True)} | {
+    return {f"p{p}_m": float(v) for p, v in zip(_TAILS, np.percentile(e, _TAILS), strict=True)} | {
         "min_m": float(e.min()),
         "max_m": float(e.max()),
     }

@@ -11,9 +11,8 @@ import pandas as pd
 from pymantaray.arrays import Array
 from pymantaray.records import SharedUnknowns
 
-_NAMED_SHARE = (
-    0.3  # of the largest coefficient of a combination; smaller coefficients are not listed
-)
+# of the largest coefficient of a combination; smaller coefficients are not listed
+_NAMED_SHARE = 0.3
 _NAMED_COUNT = 4  # maximum number of listed coefficients
 
 

@@ -19,9 +19,8 @@ from pymantaray.user_files import read_text
 
 HEADER = re.compile(r"\s*#\s*timestamp.*\bp_RS_R_x\b.*\bq_RS_w\b", re.IGNORECASE)
 _POSE = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
-_FIRST_DATE = (
-    100_000_000_000_000_000  # ns; later stamps are dates, earlier stamps are from another clock
-)
+# ns; later stamps are dates, earlier stamps are from another clock
+_FIRST_DATE = 100_000_000_000_000_000
 _LAST_STAMP = 2**63 - 1  # ns
 
 

@@ -45,10 +45,9 @@ class Feature:
         """Coordinates on either side of the antimeridian; rings are closed and counterclockwise."""
         points = np.array(self.coordinates, dtype=float)
         points[:, 0] = np.unwrap(points[:, 0], period=360.0)
-        pieces = _cut_area(points) if self.kind == "Polygon" else _cut_line(points)
         return [
             np.column_stack([column.round(d) for column, d in zip(part.T, _DECIMALS, strict=False)])
-            for part in pieces
+            for part in (_cut_area(points) if self.kind == "Polygon" else _cut_line(points))
         ]
 
 

@@ -83,8 +83,7 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
             if p.centre is None:
                 p = p._replace(centre=centre_beside(path))
             if enu and kind in _TEXTS and p.quaternion is not None:
-                attitude = swap_enu_attitude(p.quaternion)
-                p = p._replace(place=swap_enu(p.place), quaternion=attitude)
+                p = p._replace(place=swap_enu(p.place), quaternion=swap_enu_attitude(p.quaternion))
             poses.append(p)
     tracks = Tracks.of(poses, notes).selected(names)
     return replace(tracks, notes=(*tracks.notes, *same_vehicle_notes(tracks)))

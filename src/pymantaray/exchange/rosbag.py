@@ -63,6 +63,7 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     store = get_typestore(Stores.ROS2_HUMBLE)
+    # poses and fixes by topic
     rows: dict[str, list[tuple[Any, ...]]] = {}
     located: dict[str, list[tuple[Any, ...]]] = {}
     try:
@@ -90,6 +91,7 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         raise ExchangeError(
             f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}"
         ) from None
+    # one trajectory of each topic
     if not rows:
         raise ExchangeError(
             f"{path}: no topic of type {', '.join(sorted(_POSES))}; it contains"

@@ -26,6 +26,7 @@ _SENTENCE = re.compile(r"\$([A-Z]{2}(GGA|RMC|ZDA),[^*\r\n]*)(?:\*([0-9A-Fa-f]{2}
 _ANGLE = re.compile(r"(\d{0,3})([0-5]\d(?:\.\d*)?)")  # loggers omit leading zeros of degrees
 _MEASURED = ("1", "2", "3", "4", "5")  # qualities of GGA; then estimated, manual and simulated
 _CLOCK = r"(?P<clock>\d\d:\d\d:\d\d(?:\.\d*)?)"
+# times of loggers on ships: 2010-03-15T14:08:45.876, 03/15/2010,14:08:45 or 2010:074:14:08:45
 _STAMPS = tuple(
     re.compile(rf"\b{date}{_CLOCK}")
     for date in (
@@ -33,7 +34,7 @@ _STAMPS = tuple(
         r"(?P<month>\d\d)/(?P<day>\d\d)/(?P<year>\d{4})[ ,]\s*",
         r"(?P<year>\d{4}):(?P<day_of_year>\d{3}):",
     )
-)  # of loggers on ships, such as 2010-03-15T14:08:45.876, 03/15/2010,14:08:45 or 2010:074:14:08:45
+)
 _DAY = 86_400.0  # s
 
 

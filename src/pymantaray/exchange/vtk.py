@@ -27,8 +27,7 @@ def write_fleet(recording: Recording, folder: Path) -> None:
         if p.condition != TRUTH:
             error = p.position - true[p.vehicle][p.samples]
             values["error_m"] = np.linalg.norm(error, axis=1)
-        file = new_file(folder, p, ".vtu")
-        _write(file, p.position, np.zeros(p.samples.size), points=values)
+        _write(new_file(folder, p, ".vtu"), p.position, np.zeros(p.samples.size), points=values)
 
 
 def write_ranges(recording: Recording, kinds: Mapping[str, str], folder: Path) -> None:

@@ -1,10 +1,9 @@
 """Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import ClassVar, get_args
+from typing import ClassVar
 
 import numpy as np
 
@@ -245,10 +244,6 @@ class Waypoints:
 
 Behaviour = FloatCycle | StationKeeping | Drifting | ConstantTwist | Waypoints
 """Any behaviour of a vehicle."""
-BEHAVIOURS: Mapping[str, type[Behaviour]] = MappingProxyType(
-    {kind.role: kind for kind in get_args(Behaviour)}
-)
-"""Behaviours by the role of their vehicles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,11 +318,9 @@ def check_placement(vehicle: Vehicle, water: OceanArrays) -> None:
     north, east, _ = vehicle.position
     _check_point(owner, "the start position", vehicle.position, water)
     if isinstance(behaviour, FloatCycle):
-        target = np.array([north, east, behaviour.target_depth])
-        _check_point(owner, "target_depth", target, water)
+        _check_point(owner, "target_depth", np.array([north, east, behaviour.target_depth]), water)
     elif isinstance(behaviour, Drifting):
-        drogue = np.array([north, east, behaviour.drogue_depth])
-        _check_point(owner, "drogue_depth", drogue, water)
+        _check_point(owner, "drogue_depth", np.array([north, east, behaviour.drogue_depth]), water)
     elif isinstance(behaviour, Waypoints):
         for index, point in enumerate(behaviour.points):
             _check_point(owner, f"waypoint {index}", point, water)

@@ -239,8 +239,7 @@ def _run(
         kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
         twist = behaviour.twist
-        current = behaviour.current
-        kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
+        kernel.run_twist(water, twist, behaviour.current, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
         route = kernel.Route(
             points=behaviour.points,

@@ -38,8 +38,7 @@ def natural_slopes(points: Array, values: Array) -> Array:
     diagonal = 2.0 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
     above = np.append(step[0], step[:-1])
     below = np.append(step[1:], step[-1])
-    rows = right_side.reshape(-1, n).T
-    *_, slopes, _ = dgtsv(below, diagonal, above, rows, overwrite_b=True)
+    *_, slopes, _ = dgtsv(below, diagonal, above, right_side.reshape(-1, n).T, overwrite_b=True)
     return np.asarray(slopes.T).reshape(values.shape)
 
 

@@ -93,6 +93,7 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
             raise OceanError(f"lacks {name}; a cast needs PRES, TEMP, PSAL, LATITUDE and LONGITUDE")
     lat, lon = (_angles(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
     time = _times(data, shape[0])
+    # profiles at a good position with at least two good levels
     values, usable, notes = _levels(data, shape)
     located = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
     for name in ("POSITION_QC", "JULD_QC", "TIME_QC"):
@@ -110,6 +111,7 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
             f"{shape[0] - len(profiles)} of {shape[0]} profiles rejected: no good position or"
             " fewer than two good levels"
         )
+    # a cast of the good levels of each profile
     names = _names(data, shape[0], path.stem)
     casts = []
     for i in profiles:
@@ -211,8 +213,7 @@ def _times(data: xr.Dataset, count: int) -> Instants:
         values = _values(data, name, (count,)) if name == "JULD" else numbers(data, name)
         known = np.isfinite(values)
         if known.any():
-            unit = text(data.variables[name], "units")
-            instants = decoded_times(values[known], unit, where=name)
+            instants = decoded_times(values[known], text(data.variables[name], "units"), where=name)
             times[known] = instants + np.timedelta64(500, "us")
             times[times > _LATEST] = np.datetime64("NaT", "us")
     return times

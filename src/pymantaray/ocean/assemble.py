@@ -48,6 +48,7 @@ def ocean_of(
     conversions.
     """
     steps: list[str] = []
+    # values in our units, without land
     raw = {role: part.read(field, instant) for role, (part, field) in fields.items()}
     steps += [
         f"{counted(count, 'value')} of {fields[role][1].variable} outside its valid range removed"
@@ -65,12 +66,14 @@ def ocean_of(
         at_rest = np.where(np.isfinite(values["water_temp"]), 0.0, np.nan)
         values |= {"water_u": at_rest, "water_v": at_rest.copy()}
         steps.append("currents at rest: the data set has none")
+    # water is wet at the same points in all variables
     own = len(collection.parts) == 1 and _is_own(part)
     if not own:
         steps += _agree_on_wet(values)
     lat = part.grid.lat
     lon = part.grid.lon
     depth = part.levels
+    # in-situ temperature and practical salinity
     kinds = temperature.kind, fields["salinity"][1].kind
     if kinds != (IN_SITU, PRACTICAL):
         column = depth[:, None, None]
@@ -80,6 +83,7 @@ def ocean_of(
             *water, pressure, lat, lon
         )
         steps.append(_conversion_step(*kinds))
+    # depths of the levels, from the surface down
     if part.is_pressure:
         depth, values, moved = to_fixed_depths(values, depth, lat)
         steps.append(f"pressure levels moved by up to {moved:.2g} m to constant depths")
@@ -87,6 +91,7 @@ def ocean_of(
     depth, values = up_to_surface(depth, values, file_name(part.data))
     if first != 0.0:
         steps.append(f"level at 0 m added with the values at {first:.4g} m")
+    # an ocean of this package without a conversion keeps its attributes
     ocean = assemble_ocean(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,

@@ -119,9 +119,8 @@ def usable_rows(
     counts["with a depth far beyond the rows before and after"] = int(np.count_nonzero(spikes))
     rows = rows[~spikes]
     steps = np.diff(depth[rows])
-    early = (
-        rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size
-    )  # False for a downcast with an upcast
+    # false for a downcast with an upcast
+    early = rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size
     if early and np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
         rows = rows[::-1]
         notes.append("rows reversed: the file lists them upward")

@@ -616,6 +616,7 @@ def _extended(
     last = float(cast.depth[-1])
     if bottom <= last:
         return cast, notes
+    # water below the cast: that of another cast, or a constant
     if isinstance(below, Cast):
         deeper = below.depth > last
         if not deeper.any():

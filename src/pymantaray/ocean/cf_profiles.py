@@ -97,9 +97,8 @@ def labels_of(variable: xr.Variable) -> AnyArray:
         c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c)
         for c in raw.ravel().tolist()
     ]
-    if (
-        raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower()
-    ):  # letters along the last dimension
+    # letters along the last dimension
+    if raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower():
         cells = ["".join(row) for row in np.array(cells).reshape(-1, raw.shape[-1])]
     return np.array([c.strip("\0 ") for c in cells], dtype=object)
 

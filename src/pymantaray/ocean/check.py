@@ -11,8 +11,8 @@ import xarray as xr
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.ocean.local import floor_in_domain
-from pymantaray.ocean.names import Equation
-from pymantaray.ocean.open import CurrentsPolicy, read_ocean
+from pymantaray.ocean.names import CurrentsPolicy, Equation
+from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
 from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.seawater import (
@@ -30,9 +30,8 @@ from pymantaray.records.result_table import ResultTable, notebook_html
 
 _MIN_SPEED = 1_400.0  # m/s; sound speed of sea water
 _MAX_SPEED = 1_600.0
-_DENSITY_NOISE = (
-    2e-3  # kg/m3; tolerated decrease of density with depth: twice the rounding of HYCOM's packing
-)
+# kg/m3; tolerated decrease of density with depth: twice the rounding of HYCOM's packing
+_DENSITY_NOISE = 2e-3
 _SPIKE = 10.0  # m/s; tolerated difference between a point and all its neighbours, and one neighbour
 _JUMP = 40.0
 _MAX_GRADIENT = 5.0  # s-1; vertical gradient of sound speed, about 1 K/m
@@ -43,9 +42,8 @@ _MIN_UPPER_LEVELS = 6
 _MAX_SPACING = 12e3
 _MIN_NODES = 10  # across the domain
 _MAX_SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
-_FLOOR_TOLERANCE = (
-    1e-6  # m; a point this far below the sea bed counts as on it, because interpolation rounds
-)
+# m; a point this far below the sea bed counts as on it, because interpolation rounds
+_FLOOR_TOLERANCE = 1e-6
 _CHANGES = [
     "carried",
     "extended",

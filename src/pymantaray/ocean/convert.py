@@ -272,9 +272,8 @@ def _months_since(values: Array, unit: str, where: str) -> Instants:
             f"{where} has months from {values.min():g} to {values.max():g}; correct the axis"
         )
     years = np.floor(values / 12.0)
-    if (
-        np.abs(years).max(initial=0.0) > _MAX_YEARS
-    ):  # of no year, as in files of the World Ocean Atlas 2023
+    # times of no year, as in files of the World Ocean Atlas 2023
+    if np.abs(years).max(initial=0.0) > _MAX_YEARS:
         values = values - 12.0 * years.min()
     whole = np.floor(values).astype(int)
     first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))

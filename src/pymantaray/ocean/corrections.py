@@ -156,8 +156,7 @@ def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:
     for cast in casts:
         if np.isnat(cast.time):
             raise OceanError(f"cast {cast.name}: its time is unknown; time_scale needs it")
-    times = np.array([cast.time for cast in casts])
-    return seconds_since(times, ocean["time"].values)
+    return seconds_since(np.array([cast.time for cast in casts]), ocean["time"].values)
 
 
 def _difference(ocean: xr.Dataset, cast: Cast, vertical_scale: float) -> Array:

@@ -228,8 +228,7 @@ def _array(file: Path, label: str) -> Array:
 
     with open_regular(file, refusal, what="a .npy file", limit=_MAX_ARRAY_BYTES) as stream:
         try:
-            version = np.lib.format.read_magic(stream)
-            shape, fortran, dtype = _HEADERS[version](stream)
+            shape, fortran, dtype = _HEADERS[np.lib.format.read_magic(stream)](stream)
         except (ValueError, EOFError, KeyError, SyntaxError, RecursionError) as error:
             raise refusal(
                 f"{shown(file)}: not a .npy file of numbers ({one_line(error)})"

@@ -289,12 +289,11 @@ def _check_length(raw: xr.Dataset, path: Path) -> None:
     def padded(value: object) -> int:
         return -(-(len(value) if isinstance(value, str) else np.asarray(value).nbytes) // 4) * 4
 
-    tables = [raw.attrs, *(variable.attrs for variable in raw.variables.values())]
     least = (  # header and values in the layout of the format
         sum(8 + padded(str(dim)) for dim in raw.sizes)
         + sum(
             12 + padded(str(key)) + padded(value)
-            for table in tables
+            for table in [raw.attrs, *(variable.attrs for variable in raw.variables.values())]
             for key, value in table.items()
         )
         + sum(28 + padded(str(name)) + 4 * v.ndim + v.nbytes for name, v in raw.variables.items())

@@ -14,9 +14,8 @@ from pymantaray.ocean.convert import is_our_unit
 from pymantaray.ocean.files import file_name, open_file, text
 from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
 
-_DRAFT_PER_THICKNESS = (
-    917.0 / 1026.0
-)  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
+# densities of ice and of sea water [kg/m3]; Archimedes, without snow
+_DRAFT_PER_THICKNESS = 917.0 / 1026.0
 _SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
 _ROUGHNESS = ("slope", "length", "seed", "draw")
 _MAX_DRAFT = 100.0  # m; a larger value means a wrong fill value or unit

@@ -8,9 +8,8 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 
-PRESSURE_GRADIENT = (
-    0.0163  # vertical gradient of sound speed at constant temperature and salinity [s-1]
-)
+# vertical gradient of sound speed at constant temperature and salinity [s-1]
+PRESSURE_GRADIENT = 0.0163
 _AMPLITUDE, _PERIOD, _WAVELENGTH = (
     f"internal_tide_{what}" for what in ("amplitude_m", "period_s", "wavelength_m")
 )

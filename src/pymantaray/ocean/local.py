@@ -16,14 +16,13 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.splines import ACROSS_MARGIN, axis_spline
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.names import Equation
-from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
+from pymantaray.ocean.sea_floor import MIN_CELLS, levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.window import Window, centred, rectangle
 
 # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here
 # 1e-23
 _SPLINE = 40
 _MOST_OF_SPAN = 3.5  # at least r + r (1 + 2 r) for r = 0.9, see `AxisSpline.reach`
-_MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 
 
 def to_local(
@@ -204,8 +203,7 @@ class LocalGrid:
         Level and distance by which values (north, east, depth) in the water leave the four grid
         points of a field (depth, lat, lon) around them furthest.
         """
-        span = np.ptp(field, axis=(1, 2))
-        levels = np.flatnonzero(_MOST_OF_SPAN * span > ACROSS_MARGIN)
+        levels = np.flatnonzero(_MOST_OF_SPAN * np.ptp(field, axis=(1, 2)) > ACROSS_MARGIN)
         if not levels.size:
             return 0, 0.0
         corners = np.ascontiguousarray(np.moveaxis(field[levels], 0, 2))
@@ -364,7 +362,7 @@ def _axis(half: float, spacing: float) -> Array:
     """
     Nodes from -half to half, with one at the centre and a spacing close to the native spacing.
     """
-    cells = max(_MIN_CELLS, round(half / spacing))
+    cells = max(MIN_CELLS, round(half / spacing))
     return np.linspace(-half, half, 2 * cells + 1)
 
 

@@ -88,8 +88,7 @@ class ModelField(NamedTuple):
     def metres(self, box: Box, instant: int = 0, kept: int = _FIELD_DIMENSIONS) -> Array:
         """Depths or thicknesses as `block`, in metres; those without a unit are in metres."""
         unit = text(self.variable, "units") or "m"
-        values = self.block(box, instant, kept)
-        return to_our_unit(values, "length", unit, where=self.where)
+        return to_our_unit(self.block(box, instant, kept), "length", unit, where=self.where)
 
 
 def standard_name(field: ModelField, role: str) -> str:

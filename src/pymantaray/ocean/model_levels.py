@@ -88,8 +88,7 @@ def to_depths(values: Array, depth: Array, bed: Array, fixed: Array) -> Array:
     fixed : ndarray, shape (fixed,)
         Increasing depths. [m]
     """
-    wet = np.isfinite(values)
-    count = wet.sum(axis=0)
+    count = np.isfinite(values).sum(axis=0)
     last = np.maximum(count - 1, 0)
     result = np.full((len(fixed), *bed.shape), np.nan)
     for k, level in enumerate(fixed):

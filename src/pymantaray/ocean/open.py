@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -35,7 +35,7 @@ from pymantaray.ocean.files import (
     open_file,
     unreadable,
 )
-from pymantaray.ocean.names import SYNTHETIC
+from pymantaray.ocean.names import SYNTHETIC, CurrentsPolicy
 from pymantaray.ocean.schema import SEA_FLOOR, VARIABLES, validate_ocean, with_history
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
@@ -44,7 +44,6 @@ FileSource = str | Path | Sequence[str | Path]
 Source = FileSource | xr.Dataset | Sequence[str | Path | xr.Dataset]
 Names = Mapping[str, str]
 """CF standard names by variable, for variables without one; a unit may follow in brackets."""
-CurrentsPolicy = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
 _MAX_LISTED_FILES = 2  # in messages
 SYNTHETIC_STEP = np.timedelta64(3, "h")  # as in HYCOM

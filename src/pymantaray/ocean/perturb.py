@@ -27,9 +27,8 @@ from pymantaray.ocean.schema import (
 from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
 from pymantaray.ocean.window import counted_place
 
-_NODES_PER_SCALE = (
-    4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
-)
+# of a random field; the cubic spline then loses 0.1 % of the standard deviation
+_NODES_PER_SCALE = 4.0
 _MARGIN = 3  # nodes beyond the window
 _MAX_NODES = 1500  # along one axis
 _ACCURACY = 1e-6  # m/s, of a change of sound speed
@@ -358,9 +357,8 @@ def change_sound_speed(
     start = np.asarray(ocean["water_temp"].values, dtype=float)[wet]
     salinity = np.asarray(ocean["salinity"].values, dtype=float)[wet]
 
-    if (
-        equation == "teos-10"
-    ):  # absolute salinity is proportional to practical salinity, and slow to compute
+    # absolute salinity is proportional to practical salinity, and slow to compute
+    if equation == "teos-10":
         SA, _, p = absolute_and_conservative(start, salinity, depth[k], lat[y], lon[x])
 
     def speed(t: Array, share: Array) -> Array:
@@ -377,11 +375,10 @@ def change_sound_speed(
     beyond = possible != temperature
     if beyond.any():
         fresh = 0.0 * full
-        now = speed(possible, full)
         share = _root(
             lambda s: speed(possible, s),
             full,
-            np.where(beyond, target, now),
+            np.where(beyond, target, speed(possible, full)),
             fresh,
             _MAX_SALINITY_FACTOR * full,
         )

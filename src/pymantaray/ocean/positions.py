@@ -52,9 +52,8 @@ def angle(words: str, axis: str) -> float:
     sides = {_WORDS[side.lower()] for side in (match["before"], match["after"]) if side}
     rest = match["rest"]
     minutes = match["minutes"]
-    complete = match["after"] and "." in match["degrees"] + str(
-        minutes
-    )  # what follows is a comment
+    # what follows is a comment
+    complete = match["after"] and "." in match["degrees"] + str(minutes)
     unclear = (
         len(sides) > 1
         or not sides <= set(_SIDES_OF[axis])

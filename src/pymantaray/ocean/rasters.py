@@ -43,8 +43,7 @@ def read_text_grid(path: Path) -> xr.Dataset:
     Raises OceanError if numbers are missing or the points of x, y, z are no grid.
     """
     text = read_text(path, OceanError, what="a grid of numbers")
-    esri = text.lower().startswith("ncols")
-    lat, lon, values = _esri(text, path) if esri else _xyz(text, path)
+    lat, lon, values = _esri(text, path) if text.lower().startswith("ncols") else _xyz(text, path)
     data = xr.Dataset({RASTER: (("lat", "lon"), values)}, {"lat": lat, "lon": lon})
     data.encoding = {"source": str(path)}
     return data

@@ -27,12 +27,11 @@ MAX_FLOOR_NODES = 1_000_000
 Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a
 larger file.
 """
-_MIN_CELLS = 2  # on either side of the centre
+MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
-_MAX_NODES = (
-    16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
-)
+# latitudes times longitudes onto which a file in a map projection is interpolated
+_MAX_NODES = 16_000_000
 _SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _DEEPEST = 11_100.0  # m; beyond these a fill value or a unit is wrong
 _HIGHEST = 9_000.0
@@ -91,9 +90,8 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     if SEA_FLOOR in ocean:
         return ocean[SEA_FLOOR]
     depth = np.asarray(ocean["depth"].values, dtype=float)
-    levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     return xr.DataArray(
-        layer_edges(depth)[levels],
+        layer_edges(depth)[np.isfinite(ocean["water_temp"].values).sum(axis=0)],
         coords={"lat": ocean["lat"], "lon": ocean["lon"]},
         dims=("lat", "lon"),
         name=SEA_FLOOR,
@@ -207,7 +205,7 @@ def local_floor(
     wider = 1.0
     while True:
         cells = [
-            max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, step, strict=True)
+            max(MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, step, strict=True)
         ]
         if np.prod([2.0 * n + 1.0 for n in cells]) <= MAX_FLOOR_NODES:
             break

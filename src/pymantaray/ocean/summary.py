@@ -169,8 +169,7 @@ def columns_spread(local: xr.Dataset) -> xr.Dataset:
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
     places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
     wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
-    wet_speed = speed.where(xr.DataArray(wet, dims=speed.dims))
-    return _spread(wet_speed, over, local, speed.attrs)
+    return _spread(speed.where(xr.DataArray(wet, dims=speed.dims)), over, local, speed.attrs)
 
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:

@@ -18,9 +18,8 @@ GeographicWindow = tuple[float, float, float, float]
 """South, north, west, east. [degrees]"""
 SAME_DEGREES = 1e-3
 """HYCOM's coordinates deviate from the exact grid by 3e-5. [degrees]"""
-_SIDE_TOLERANCE = (
-    1e-4  # degrees; a grid point this far outside a side of the window counts as on it
-)
+# degrees; a grid point this far outside a side of the window counts as on it
+_SIDE_TOLERANCE = 1e-4
 _ENCLOSING_TOLERANCE = 1e-9  # degrees; the same if the grid points must enclose the window
 _TURNS = 720.0  # degrees; longitudes may be in another turn
 _LAST_LATITUDE = 89.999  # degrees; of a centre
@@ -391,9 +390,8 @@ class Window:
         if self._has_pole(half_north, half_east):
             return False
         north, east = rectangle(half_north, half_east)
-        some = slice(
-            None, None, _SIDE_POINTS // 4
-        )  # are outside of most rectangles that are outside
+        # these points are outside of most rectangles that are outside
+        some = slice(None, None, _SIDE_POINTS // 4)
         return all(
             self.contains(self.geographic(north[of], east[of]))
             for of in (some, slice(None))[: 1 if coarsely else 2]

@@ -85,14 +85,8 @@ CONDITION_LABELS = {
     "straight-all": "Straight, no dropouts",
     "no-ranges": "Graph without ranges",
 }
-_MORE_COLOURS = (
-    PINK,
-    "#882255",
-    "#332288",
-    "#999933",
-    "#44AA99",
-    "#AA4499",
-)  # after Okabe and Ito, Tol
+# colours after Okabe and Ito, and Tol
+_MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")
 DISTINCT = len(_MORE_COLOURS)
 """Number of estimators with a colour of their own."""
 _MAX_DECADES = 9  # ticks at powers of ten
@@ -103,9 +97,8 @@ _TITLE_LETTERS = 17.5  # of a title in an inch of its panel
 _BESIDE_PANEL = 0.45  # inches beside a panel that its title does not cover
 _MIN_TITLE = 10  # letters of a line of a title
 _MARKERS = "osD^v<>phd"
-_SIGNS = dict(
-    zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True)
-)  # of markers in text
+# signs of markers in text
+_SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))
 _FITS = 28  # characters of a name on a figure
 _LETTERS_PER_INCH = 19.0  # of a header
 _SYNTHETIC = "synthetic ocean"
@@ -503,9 +496,8 @@ def freeze_layout(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine(
-            None
-        )  # with "none", each file is drawn once more before it is drawn
+        # with "none", each file is drawn once more before it is drawn
+        figure.set_layout_engine(None)
 
 
 @styled

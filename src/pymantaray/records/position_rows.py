@@ -132,13 +132,15 @@ def missing_fixes(position: Array) -> dict[int, str]:
         )
     }
     others = position[judged & ~wrong & ~zero]
-    if zero.any() and len(others):
-        nearest = distances(others, np.zeros_like(others), geographic=True).min()
-        if nearest > _ELSEWHERE:
-            reasons |= {
-                row: f"position {position[row, 0]:g}, {position[row, 1]:g} is no fix"
-                for row in np.flatnonzero(zero).tolist()
-            }
+    if (
+        zero.any()
+        and len(others)
+        and distances(others, np.zeros_like(others), geographic=True).min() > _ELSEWHERE
+    ):
+        reasons |= {
+            row: f"position {position[row, 0]:g}, {position[row, 1]:g} is no fix"
+            for row in np.flatnonzero(zero).tolist()
+        }
     return reasons
 
 

@@ -266,6 +266,7 @@ def read_text_table(
 
     path = Path(path)
     content = read_text(path) if text is None else text
+    # rows of cells by their numbers of lines, without comments and trailing separators
     lines = {i: line for i, line in enumerate(content.splitlines(), 1) if line.strip(" \t,;")}
     comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
@@ -283,6 +284,7 @@ def read_text_table(
         )
     if invalid is not None:
         rows = _whole_rows(path, lines, rows, separator, invalid)
+    # cells as text
     try:
         cells = pd.read_csv(
             io.StringIO("\n".join(rows.values())),

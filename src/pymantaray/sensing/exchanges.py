@@ -23,13 +23,6 @@ class Exchanges(NamedTuple):
     """Direction of each ping."""
 
 
-class Combinations(NamedTuple):
-    """All possible exchanges of attempts."""
-
-    attempt: Indices
-    exchanges: Exchanges
-
-
 def selected_exchanges(
     receptions: Receptions, links: int, link: Indices, direction: Indices
 ) -> Exchanges:
@@ -47,9 +40,9 @@ def selected_exchanges(
 
 def all_exchanges(
     receptions: Receptions, link: Indices, direction: Indices, timing: Timing
-) -> Combinations:
+) -> tuple[Indices, Exchanges]:
     """
-    Return all exchanges of each attempt, independent of the selection.
+    Return attempts and exchanges, all that each attempt may have, independent of the selection.
 
     Two-way, these are all combinations of receptions of ping and answer.
     """
@@ -57,9 +50,9 @@ def all_exchanges(
     row, ping = rows_between(*receptions.rows_of(link[attempt], direction[attempt]))
     attempt = attempt[row]
     if isinstance(timing, OneWay):
-        return Combinations(attempt, Exchanges(ping, np.full(ping.size, -1), direction[attempt]))
+        return attempt, Exchanges(ping, np.full(ping.size, -1), direction[attempt])
     pair, answer = rows_between(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
-    return Combinations(attempt[pair], Exchanges(ping[pair], answer, direction[attempt[pair]]))
+    return attempt[pair], Exchanges(ping[pair], answer, direction[attempt[pair]])
 
 
 def exchange_times(

@@ -124,6 +124,7 @@ def test_all_that_python_can_give_is_kept_in_its_order(small, tmp_path):
                 "name": "fleet",
                 "fleet.vehicles": [vehicles, vehicles[:1]],
                 "mission.gnss_depth": (1.0, np.float64(2.0)),
+                "study.realizations": [np.int64(1), np.int64(2)],
             },
             {"ocean.time": [dt.datetime(2014, 7, 15, 12), dt.datetime(2014, 7, 16)]},  # noqa: DTZ001
         ],

@@ -99,17 +99,12 @@ def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission, as
     reckoned = start.position.reshape(-1, n, 3)
     kept = on_line.position.reshape(-1, n, 3)
     np.testing.assert_allclose(kept[:, first], reckoned[:, first], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(
-        on_line.before.reshape(-1, n, 3)[:, 5], reckoned[:, 5], rtol=0, atol=1e-9
-    )
     assert np.linalg.norm(kept[:, 5] - reckoned[:, 5], axis=1).max() > 0.5  # the ping moved it
     # from a ping to the next sample: the same step that the odometry has
     steps = (np.linalg.norm(way[:, 6] - way[:, 5], axis=1) for way in (kept, reckoned))
     np.testing.assert_allclose(*steps, rtol=0, atol=1e-9)
-    assert np.isfinite(on_line.quaternion).all()
-    assert on_line.seconds.shape == on_line.relinearized.shape == (6,)
+    assert on_line.seconds.shape == (6,)
     assert (on_line.seconds > 0.0).all()
-    assert on_line.relinearized[1:].any()
     as_stored(on_line)
 
 

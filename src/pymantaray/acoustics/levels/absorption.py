@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from pymantaray.ocean.window import Window
 
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
+AbsorptionName = Literal[Formula, "thorp", "none"]
+"""Absorption in a configuration: a formula of the water's properties, Thorp's, or none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,6 +119,7 @@ def transmission_loss(
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     geometric = geometric_loss_db(source, receiver, arrivals)
     n = geometric.size
+    # paths are needed only for absorption and for reflections with a loss
     models = {
         _SURFACE: medium.surface.reflection if surface is None else surface,
         _BOTTOM: medium.bed.reflection if bottom is None else bottom,
@@ -131,12 +132,14 @@ def transmission_loss(
         raise AcousticsError(
             f"paths: arrival {paths.arrival.max()}; there are only {n} arrivals; trace their paths"
         )
+    # absorption along each path
     absorbed = np.zeros(n)
     if absorption is not None and paths is not None:
         points = quadrature(paths)
         if points.arrival.size:  # else all are between equal positions
             per_metre = absorption.db_per_km(points.position, frequency_hz) / 1000.0
             absorbed = _sums(points.arrival, per_metre * points.weight, n)
+    # reflections; without a model, the surface turns the phase and the bed does not
     lost = {_SURFACE: np.zeros(n), _BOTTOM: np.zeros(n)}
     phase = np.zeros(n)
     if models[_SURFACE] is None:
@@ -148,9 +151,8 @@ def transmission_loss(
             if model is None:
                 continue
             at = bounces.boundary == code
-            speed = bounces.sound_speed[at]
             loss, shift = model.loss_and_phase(
-                bounces.grazing_angle[at], frequency_hz, sound_speed=speed
+                bounces.grazing_angle[at], frequency_hz, sound_speed=bounces.sound_speed[at]
             )
             lost[code] = _sums(bounces.arrival[at], loss, n)
             phase += _sums(bounces.arrival[at], shift, n)

@@ -26,12 +26,8 @@ if TYPE_CHECKING:
     from pymantaray.geometry.sphere import EarthSphere
 
 _ZONE = 0.5  # m; spacing of levels above the deck
-_LEVELS = (
-    (150.0, 1.0),
-    (400.0, 2.0),
-    (1500.0, 10.0),
-    (math.inf, 25.0),
-)  # m below the deck, and spacing
+# depths below the deck, and spacing [m]
+_LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))
 _MARGIN = 0.1  # m between the deepest possible surface and the deck
 _TABLE = 7500
 _STEEPEST = 1.5  # rad; of a table, and of the fan
@@ -161,7 +157,6 @@ def _joined(
     first, last = in_true_water(first, a[:, 2]), in_true_water(last, b[:, 2])
     back = turned[link]
     launch = np.where(back, -rows[:, at.END_ANGLE], rows[:, at.ANGLE])
-    arrival = np.where(back, -rows[:, at.ANGLE], rows[:, at.END_ANGLE])
     more: dict[str, Any] = {
         "link": link,
         "travel_time": travel_time,
@@ -170,17 +165,16 @@ def _joined(
         "turning_points": rows[:, at.TURNED].astype(np.int64),
         "caustics": np.zeros(link.size, dtype=np.int64),
         "launch_angle": launch,
-        "arrival_angle": arrival,
+        "arrival_angle": np.where(back, -rows[:, at.ANGLE], rows[:, at.END_ANGLE]),
         "spreading_db": rows[:, at.RATE],
         "source_slowness": np.where(back[:, None], -last, first),
         "receiver_slowness": np.where(back[:, None], -first, last),
         "ray_axis": np.zeros(link.size),
     }
     has = np.bincount(link, minlength=direct.status.size) > 0
-    status = np.where(has, np.int8(RayStatus.OK), direct.status)
     return replace(
         direct.with_more(more),
-        status=status,
+        status=np.where(has, np.int8(RayStatus.OK), direct.status),
         shadow_margin=np.where(has, 0.0, direct.shadow_margin),
     )
 

@@ -221,9 +221,8 @@ def column_errors(
 ) -> ColumnErrors:
     """Errors of the links around the centre of a medium's frame, optionally with currents."""
     transmitter, receiver = links.ends()
-    cutoff = links.spreading_cutoff_db
     options: dict[str, Any] = {
-        "spreading_cutoff_db": cutoff,
+        "spreading_cutoff_db": links.spreading_cutoff_db,
         "tolerance": links.tolerance,
         "threads": 1,
     }

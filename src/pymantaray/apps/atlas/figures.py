@@ -286,10 +286,9 @@ def error_series(
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
     time = atlas["time"].values
     for k, name in enumerate(map(str, atlas["convention"].values)):
-        worst = largest_over_pairs(atlas)[:, i, j, k, distance].values
         upper.semilogy(
             time,
-            worst,
+            largest_over_pairs(atlas)[:, i, j, k, distance].values,
             "o-",
             markersize=2.5,
             color=CONVENTION_COLOURS[name],

@@ -20,9 +20,8 @@ Sound speeds that convert a travel time to a range: at the transmitter, at the r
 both, the harmonic mean along the chord, and one nominal value.
 """
 _DEPTHS = (20.0, 200.0, 800.0)
-_MARGIN = (
-    1.02  # half extent of the domain over the greatest distance, because rays also bend sideways
-)
+# half extent of the domain over the greatest distance, because rays also bend sideways
+_MARGIN = 1.02
 
 
 @dataclass(frozen=True)

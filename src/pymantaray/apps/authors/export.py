@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pymantaray.apps.authors.holds import counted_steps, extra_steps
+from pymantaray.apps.authors.holds import DEPTH_GAIN, counted_steps, extra_steps
 from pymantaray.apps.authors.simulation import LETTERS, REFLECTED
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
@@ -32,7 +32,6 @@ _BEAMS = 100  # of the authors' configurations
 _MAX_BEAMS = 400
 _SPREAD_DEG = 15.0
 _GNSS_DEPTH = 0.1  # m, of the program
-_DEPTH_GAIN = 10.0  # 1/s, of the program
 
 
 def export_authors(
@@ -115,6 +114,7 @@ def _simulation(study: Study) -> dict[str, Any]:
     period = fleet.sampling_period
     frequency = 1.0 / period
     spread = _SPREAD_DEG if search.cone is None else _digits(math.degrees(search.cone))
+    # sensors of a sample have the frequency of the samples
     sensors = {
         "gt_freq_hz": frequency,
         "odom_freq_hz": frequency,
@@ -125,6 +125,7 @@ def _simulation(study: Study) -> dict[str, Any]:
     }
     if study.gnss_depth != _GNSS_DEPTH:  # only later versions of the program read this key
         sensors["gps_surface_range_meters"] = study.gnss_depth
+    # variances of the graph that the program writes
     pfg: dict[str, Any] = {
         "use_ground_truth_odometry": True,
         "range_variance": _variance(noise.range_sigma),
@@ -271,7 +272,7 @@ def _notes(study: Study, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
             " in Python"
         )
     if any(
-        isinstance(v.behaviour, FloatCycle) and v.behaviour.depth_gain != _DEPTH_GAIN
+        isinstance(v.behaviour, FloatCycle) and v.behaviour.depth_gain != DEPTH_GAIN
         for v in study.fleet.vehicles
     ):
         yield "depth_gain is not written: the program has 10 per second"

@@ -19,9 +19,8 @@ from pymantaray.user_files import read_bytes
 MAX_OUTPUT_BYTES = 2_000_000_000
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
 _DECLINATION = "angle from the horizontal, positive down,"
-_RECORD_MARK = bytes(
-    [4, 0, 0, 0]
-)  # length of the first record of a binary file, four letters with its kind
+# length of the first record of a binary file, which has four letters with its kind
+_RECORD_MARK = bytes([4, 0, 0, 0])
 _RAYS = re.compile(r"\s*'[^']*'([^']*)'(\w+)\s*'(.*)", re.DOTALL)  # title, head, coordinates, rays
 _COORDINATES = {"xyz": 3, "rz": 2}
 
@@ -210,9 +209,8 @@ class _Text:
         self.path = path
         self._at = 0
         words = text.replace("D", "E").split()
-        for i in [i for i, word in enumerate(words) if "*" in word][
-            ::-1
-        ]:  # repeated values as written by some compilers, for example 3*0.0
+        # repeated values as written by some compilers, for example 3*0.0
+        for i in [i for i, word in enumerate(words) if "*" in word][::-1]:
             times, _, value = words[i].partition("*")
             words[i : i + 1] = [value] * (int(times) if times.isdigit() else 1)
         try:

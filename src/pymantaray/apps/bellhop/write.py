@@ -245,6 +245,7 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
     """
     uniform = medium.sound_speed.shape[:2] == (1, 1)
     profile = medium.sound_speed[0, 0] if uniform else medium.sound_speed.mean(axis=(0, 1))
+    # a bed like the last level reflects nothing
     bed = options.bottom
     if bed == "matching":
         bed = HalfSpace(sound_speed=float(profile[-1]), density_g_per_cm3=1.0)
@@ -257,6 +258,7 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
             )
         ]
     letter = "A" if isinstance(bed, HalfSpace) else "R" if bed == "rigid" else "V"
+    # the box holds all rays of the cone about the link
     step = end - start
     across = math.hypot(step[0], step[1])
     bearing = math.atan2(step[1], step[0])
@@ -268,6 +270,7 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
     )
     deepest = 1.1 * float(max(medium.bed.depth.max(), medium.depth[-1]))
     box = f"{_plain(options.step)} {_kilometres(side)} {_kilometres(side)} {_plain(deepest)}"
+    # lines in the order in which Bellhop reads them
     last = _plain(medium.depth[-1])
     lines = [
         f"'{title} by MantaRay, x north, y east'",

@@ -142,8 +142,7 @@ class ChordalProblem:
     @cached_property
     def _positions_factor(self) -> Any:
         """Sparse factor of the rows and columns of the positions."""
-        block = csc_array(self.quadratic[self.position_row][:, self.position_row])
-        return symmetric_factor(block)
+        return symmetric_factor(csc_array(self.quadratic[self.position_row][:, self.position_row]))
 
     def positions(self, x: Array) -> Array:
         """Positions of all variables."""

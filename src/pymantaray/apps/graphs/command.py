@@ -301,6 +301,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     g = file.graph
     vehicle = g.pose_vehicle
     number = g.pose_number.astype(int)
+    # odometry is an edge between successive poses of a vehicle, other edges are loop closures
     a, b = g["edge"].variables.T
     same = vehicle[a] == vehicle[b]
     odometry = same & (number[b] - number[a] == 1)
@@ -329,6 +330,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         ("ranges", "{} between poses, {} to landmarks, {} between landmarks".format(*counts)),
         ("priors", ", ".join(priors) or "none"),
     ]
+    # the same as numbers, for --json
     out.add(
         dimensions=2 if g.planar else 3,
         vehicles=[

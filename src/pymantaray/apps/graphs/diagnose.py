@@ -11,20 +11,16 @@ from pymantaray.estimation.solvers.normal_equations import SIZE, symmetric_facto
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
-_UNDETERMINED = (
-    1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
-)
+# m or rad; a standard deviation of this size counts as undetermined, as in the solver
+_UNDETERMINED = 1e6
 # added to the scaled information matrix, whose diagonal is 1, so that it can be factorized
 _DAMPING = 1e-15
-_INVERSE_ITERATIONS = (
-    6  # each reduces all but the weakest direction by the ratio of the eigenvalues
-)
-_JITTER = (
-    0.1  # rad, and share of the extent of all positions; moves values out of accidental alignments
-)
-_MIN_VARIANCE_RATIO = (
-    1e-12  # smallest ratio of a variance to the median; below, the other factors lose all digits
-)
+# each reduces all but the weakest direction by the ratio of the eigenvalues
+_INVERSE_ITERATIONS = 6
+# rad, and share of the extent of all positions; moves values out of accidental alignments
+_JITTER = 0.1
+# smallest ratio of a variance to the median; below, the other factors lose all digits
+_MIN_VARIANCE_RATIO = 1e-12
 
 
 def check_conditioned(graph: FactorGraph) -> None:
@@ -139,15 +135,11 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
 
 
 class _Weakest(NamedTuple):
-    """
-    Variable of the largest standard deviation, whether that is its rotation, its size, and the
-    eigenvalue.
-    """
+    """Variable of the largest standard deviation, whether that is its rotation, and its size."""
 
     variable: int
     turns: bool
     sigma: float  # m or rad
-    eigenvalue: float  # of the information matrix scaled to a unit diagonal
 
 
 def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
@@ -159,7 +151,7 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     diagonal = information.diagonal()
     if not (diagonal > 0.0).all():
         free = int(np.argmin(diagonal > 0.0))
-        return _Weakest(free // SIZE, free % SIZE < 3, np.inf, 0.0)
+        return _Weakest(free // SIZE, free % SIZE < 3, np.inf)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = diags_array(scale) @ information @ diags_array(scale)
     factors = symmetric_factor((scaled + _DAMPING * eye_array(scale.size)).tocsc())
@@ -170,4 +162,4 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     eigenvalue = float(np.dot(x, np.asarray(scaled @ x)))
     stray = np.abs(x * scale) / np.sqrt(max(eigenvalue, _DAMPING))
     furthest = int(np.argmax(stray > 0.999 * stray.max()))
-    return _Weakest(furthest // SIZE, furthest % SIZE < 3, float(stray[furthest]), eigenvalue)
+    return _Weakest(furthest // SIZE, furthest % SIZE < 3, float(stray[furthest]))

@@ -54,9 +54,8 @@ Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
 
-MAX_CHEAP_FACTORS = (
-    20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
-)
+# largest graph that is solved from several starts by default: about 2 s of CPU
+MAX_CHEAP_FACTORS = 20_000
 MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
 PYFG = ".pyfg"
@@ -577,8 +576,7 @@ def _unexplained(graph: FactorGraph, solution: GraphSolution) -> str | None:
     measured = ranges.column("distance")
     one, other = ranges.variables.T
     predicted = np.linalg.norm(place[one] - place[other], axis=1)
-    sigma = np.sqrt(ranges.variance)
-    why = unexplained(measured - predicted, measured, sigma, least=LEAST_RANGE)
+    why = unexplained(measured - predicted, measured, np.sqrt(ranges.variance), least=LEAST_RANGE)
     ratio = np.sqrt(solution.final_cost / max(solution.expected_cost, 0.5))
     if why is None and ratio > LARGEST_RATIO:
         why = (

@@ -76,14 +76,8 @@ ISAM = {EDGE: "ODOMETRY", SIGHTING: "LANDMARK"}
 Words of iSAM, in two dimensions; their matrix is the upper triangular root of the information, by
 rows.
 """
-_TORO_TRIANGLE = [
-    0,
-    1,
-    4,
-    2,
-    5,
-    3,
-]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
+# entries of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
+_TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]
 _FLAT = {
     POSE: "VERTEX_SE2",
     LANDMARK: "VERTEX_XY",
@@ -378,12 +372,11 @@ class _Reader:
         landmarks = fixed[fixed >= n]
         unit = np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1))
         at = [values.position[poses], values.quaternion[poses]]
-        place = [values.landmark_position[landmarks - n]]
         return {
             "prior": prior.append(KINDS["prior"].table(poses[:, None], at, unit)),
             "survey": KINDS["survey"].table(
                 landmarks[:, None],
-                place,
+                [values.landmark_position[landmarks - n]],
                 np.tile(ANCHOR_SIGMA**2 * np.eye(3), (landmarks.size, 1, 1)),
             ),
         }
@@ -470,10 +463,9 @@ class _Reader:
                     self._known[field] = int(field)
             ends.append([self._known[field] for field in fields])
         if word == EDGE:
-            same = np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool)
             table.refuse_first(
                 self._lines,
-                same,
+                np.array([a == b for a, b in zip(*ends, strict=True)], dtype=bool),
                 lambda row: f"{table.word} from {ends[0][row]} to itself",
                 "two different poses",
             )
@@ -494,9 +486,8 @@ def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:
         return values
-    turn = Rotation.from_euler(
-        "ZYX", values[:, 5:2:-1]
-    ).as_quat()  # yaw, then pitch, then roll, about the rotated axes
+    # yaw, then pitch, then roll, about the rotated axes
+    turn = Rotation.from_euler("ZYX", values[:, 5:2:-1]).as_quat()
     return np.concatenate([values[:, :3], turn, values[:, 6:]], axis=1)
 
 

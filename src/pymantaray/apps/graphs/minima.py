@@ -112,8 +112,7 @@ def _solve_all(
         equal = (o.solution for o in done.values() if _same_start(o.initial, start.values))
         solution = next(equal, None)
         if solution is None:
-            limit = _plausible_cost(graph, done.values())
-            solution = solve(start.values, limit)
+            solution = solve(start.values, _plausible_cost(graph, done.values()))
         done[row] = StartOutcome(name, start.values, start.unchanged, solution)
     return [done[row] for row in range(len(starts))]
 

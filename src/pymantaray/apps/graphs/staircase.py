@@ -114,9 +114,8 @@ def lower_bound(problem: ChordalProblem, cost: float, least: float) -> float:
     Lower bound of the cost over all values, from the cost of a point with the best positions and
     the least eigenvalue there.
     """
-    size = (
-        problem.d * (1 + problem.rotation_row.size) + problem.unit_row.size
-    )  # sum of squares of all constrained rows
+    # sum of squares of all constrained rows
+    size = problem.d * (1 + problem.rotation_row.size) + problem.unit_row.size
     return max(cost + 0.5 * size * min(least, 0.0), 0.0) if np.isfinite(least) else 0.0
 
 

@@ -214,12 +214,8 @@ class Survey:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from pymantaray.apps.locate import ReadOptions, read_survey
-    >>> rows = [f"{60 * i},M1,{1.8 + 0.001 * i},{100 * i},0" for i in range(8)]
-    >>> lines = ["time,node,two_way_time_s,north_m,east_m", *rows]
-    >>> _ = Path("pings.csv").write_text("\n".join(lines))
-    >>> survey = read_survey("pings.csv", ReadOptions(depth=1300.0))
+    Continues the example of `pymantaray.apps.locate`:
+
     >>> [node.name for node in survey.nodes]
     ['M1']
     """

@@ -32,7 +32,7 @@ from pymantaray.cli.options import (
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import Printer, in_options, printer
 from pymantaray.errors import MantaRayError, OceanError
-from pymantaray.ocean.names import Equation
+from pymantaray.ocean.names import CurrentsPolicy, Equation
 from pymantaray.plotting.formats import FIGURE_FORMATS
 
 if TYPE_CHECKING:
@@ -42,18 +42,13 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config.door.ocean import MissionOcean
     from pymantaray.ocean.check import Findings
-    from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
 
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0
-_MAKING = (
-    "cast ",
-    "corrected with ",
-    "sound speed perturbed ",
-    "replaced by ",
-)  # first words of lines in a history
+# first words of lines in a history
+_MAKING = ("cast ", "corrected with ", "sound speed perturbed ", "replaced by ")
 
 app = Commands(help="Fetch, make, check, show and plot oceans.")
 
@@ -190,7 +185,7 @@ def check(
 
 
 def _configured(
-    words: list[str], options: GridOptions, *, currents: "CurrentsPolicy" = "required"
+    words: list[str], options: GridOptions, *, currents: CurrentsPolicy = "required"
 ) -> "MissionOcean":
     """An ocean; whether it must have currents, unless an option says so."""
     from pymantaray.config.door.ocean import build_mission_ocean

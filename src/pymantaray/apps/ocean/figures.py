@@ -337,8 +337,7 @@ def _section_panels(
         return figure, figure.subplots(4, 1).reshape(2, 2)
     figure = style.new_figure(width, 4.4, header)
     widths = _widths(ocean["lat"].values, ocean["lon"].values)
-    panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
-    return figure, panels
+    return figure, figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
 
 
 def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) -> tuple[_Cut, _Cut]:

@@ -152,9 +152,9 @@ def expected_measurements(run: Run) -> Measurements:
     )
 
 
-def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float:
+def error_quantile(bias: Array, covariance: Array) -> float:
     """
-    Quantile of the size of position errors with these means and covariances, over all of them.
+    Size that 95 % of position errors with these means and covariances do not exceed, over all.
 
     From draws with a fixed seed, so designs with equal errors have equal quantiles. NaN without
     errors.
@@ -165,7 +165,7 @@ def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float
     root = axes * np.sqrt(np.maximum(value, 0.0))[:, None, :]
     normal = stream(0, 0, "plan", "position errors").standard_normal((_DRAWS, *bias.shape))
     errors = bias + np.einsum("kij,nkj->nki", root, normal)
-    return float(np.quantile(np.linalg.norm(errors, axis=-1), share))
+    return float(np.quantile(np.linalg.norm(errors, axis=-1), 0.95))
 
 
 def link_scores(run: Run, name: str | None) -> tuple[float, float]:
@@ -188,12 +188,11 @@ def link_scores(run: Run, name: str | None) -> tuple[float, float]:
 def cost_of(study: Study, m: Measurements, costs: CostSection, condition: str) -> float:
     """Cost of stations, landmarks, transmissions, and the cast that a condition assumes."""
     stations = sum(vehicle.behaviour.role == "station" for vehicle in study.fleet.vehicles)
-    casts = sum(c.needs_cast for c in study.conditions if c.name == condition)
     return (
         costs.station * stations
         + costs.landmark * len(study.ranging.landmarks)
         + costs.ping * _pings(m)[1]
-        + costs.cast * casts
+        + costs.cast * sum(c.needs_cast for c in study.conditions if c.name == condition)
     )
 
 

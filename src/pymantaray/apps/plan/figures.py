@@ -23,10 +23,8 @@ AS_IT_IS = "Study as it is"
 _MAX_NUMBERS = 14  # participants of a matrix with a number in each cell
 _NAME_LETTERS = 44  # of a design in a legend
 _FROM_ZERO = 0.4  # least error over the upper end of its axis, above which the axis is without zero
-_BELOW: dict[str, Any] = {
-    "loc": "outside lower center",
-    "ncols": 2,
-}  # a legend of designs, whose names are long
+# legend of designs, whose names are long
+_BELOW: dict[str, Any] = {"loc": "outside lower center", "ncols": 2}
 _BEST: dict[str, Any] = {
     "marker": "*",
     "color": style.ORANGE,
@@ -92,8 +90,7 @@ def front_figure(results: PlanResults, header: str, width: float = style.DOUBLE)
 
 
 def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
-    frame = results.frame
-    values = frame[[x, y]].to_numpy(dtype=float)
+    values = results.frame[[x, y]].to_numpy(dtype=float)
     usable = np.isfinite(values).all(axis=1)
     if not usable.any():
         style.note(axes, "no design with a result")
@@ -114,9 +111,8 @@ def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
     axes.plot(*values[front].T, "o", color=style.BLUE, markersize=4.0)
     axes.plot(*values[results.best], linestyle="none", zorder=5, **_BEST)
     base = results.base_row
-    axes.plot(
-        base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4
-    )  # visible behind the best
+    # visible behind the best design
+    axes.plot(base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4)
     axes.margins(0.08)
 
 

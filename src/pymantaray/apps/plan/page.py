@@ -200,9 +200,8 @@ def _explorer(results: PlanResults) -> Any:
         *results.plan.keys,
         *(name for name in ("cost", "lost_percent") if frame[name].nunique() > 1),
     ]
-    each = (
-        ["front", *few] if len(results.plan.keys) == 1 else [*few[1:], *few[:1], "front"]
-    )  # not the key across
+    # the key across is not the first choice
+    each = ["front", *few] if len(results.plan.keys) == 1 else [*few[1:], *few[:1], "front"]
     return table_explorer(
         frame,
         numbers,

@@ -259,8 +259,7 @@ class PlanResults:
         count = int(np.ceil(WORST * len(scores)))
         which = "the worst of them" if count == 1 else f"the worst {count} of them"
         now = worst_score(scores, "error_m")
-        before = worst_score(self.base, "error_m")
-        instead = _instead(now, before, " m", ".3g")
+        instead = _instead(now, worst_score(self.base, "error_m"), " m", ".3g")
         return [
             (
                 f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g}"

@@ -122,13 +122,12 @@ def ranges(
     files = files_of(trajectories)
     if not source.words:
         raise SensingError("no ocean; give --ocean or --profile")
-    names = [name.strip() for name in (mission.vehicles or "").split(",") if name.strip()]
     config = ranges_config(
         files,
         source.words,
         mission=mission.keys,
         enu=mission.enu,
-        vehicles=names,
+        vehicles=[name.strip() for name in (mission.vehicles or "").split(",") if name.strip()],
         **water.keys,
         **arrivals.keys,
     ).with_(**changes_of(changes))

@@ -99,8 +99,7 @@ def measure(
         schedule=schedule,
         data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
-    attrs = out.ocean.local.attrs
-    note = centre_note(study.ocean.centre, attrs, trajectories)
+    note = centre_note(study.ocean.centre, out.ocean.local.attrs, trajectories)
     if note:
         logging.getLogger(__name__).warning(note)
     return run_in_memory(study, out)
@@ -124,9 +123,8 @@ def ranges_config(
     tree = _water_tree(ocean)
     for name, section in sections.items():
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
-    if not tree.get("acoustics", {}).get(
-        "currents"
-    ):  # vehicles do not drift, and no current carries sound
+    # vehicles do not drift, and no current carries sound
+    if not tree.get("acoustics", {}).get("currents"):
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []

@@ -296,9 +296,8 @@ class Job:
     def trace(self) -> tuple[TracedRays, Arrivals]:
         """Paths of all arrivals, and the arrivals."""
         arrivals = self.solve()
-        tolerance = self.task.search.tolerance
         paths = acoustics.trace_paths(
-            self.medium, self.source, self.receiver, arrivals, tolerance=tolerance
+            self.medium, self.source, self.receiver, arrivals, tolerance=self.task.search.tolerance
         )
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
 

@@ -190,9 +190,8 @@ def answer_body(service: RangingService, body: bytes) -> bytes:
 
 
 _STATUS = {status.value: status.name.lower() for status in RayStatus}
-_numbers = attrgetter(
-    *(field.name for field in fields(ReceiverAnswer)[2:-1])
-)  # columns of a `Ping`
+# columns of a `Ping`
+_numbers = attrgetter(*(field.name for field in fields(ReceiverAnswer)[2:-1]))
 
 
 def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
@@ -200,23 +199,16 @@ def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[Arr
     rays = ping.arrivals
     receptions = ping.receptions
     detector = service.water.reception.detector
-    rows = (receptions.direction == Direction.FORTH) & (
-        receptions.arrival >= 0
-    )  # in the order of the rays
+    # receptions in the order of the rays
+    rows = (receptions.direction == Direction.FORTH) & (receptions.arrival >= 0)
     travel = receptions.travel_time[rows]
     level = np.full(rays.link.size, np.nan)
     if detector is not None:
         level = detector.sonar.source_level_db - receptions.loss_db[rows]
     bounces = (rays.surface_bounces, rays.bottom_bounces)
     angles = (rays.launch_angle, rays.arrival_angle)
-    columns = (
-        time + travel,
-        travel,
-        *bounces,
-        *angles,
-        rays.spreading_db,
-        level,
-    )  # as in `ArrivalAnswer`
+    # columns as in `ArrivalAnswer`
+    columns = (time + travel, travel, *bounces, *angles, rays.spreading_db, level)
     out: list[list[ArrivalAnswer]] = [[] for _ in range(ping.status.size)]
     for link, *row in zip(
         rays.link.tolist(), *(column.tolist() for column in columns), strict=True

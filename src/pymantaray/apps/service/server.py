@@ -153,9 +153,8 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
         from waitress.server import create_server
 
         from pymantaray.apps.service.connections import TIMEOUT, JsonChannel, close_late
-    logging.getLogger("waitress.queue").setLevel(
-        logging.ERROR
-    )  # it reports every request that waits
+    # it reports every request that waits
+    logging.getLogger("waitress.queue").setLevel(logging.ERROR)
     listening = _listening(host, port)
     loopback = ip_address(listening.getsockname()[0].partition("%")[0]).is_loopback
     connections = _max_connections()

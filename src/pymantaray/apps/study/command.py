@@ -450,8 +450,7 @@ def _print_comparison(out: Printer, folder: Path, *, numbered: bool) -> None:
         if name == "configuration" and tables[name].frame.empty:
             out.line("The configurations have the same values.\n")
         elif name in tables:  # runs of ranges alone have no position errors
-            frame = tables[name].frame.rename(columns=numbers)
-            out.table(replace(tables[name], frame=frame))
+            out.table(replace(tables[name], frame=tables[name].frame.rename(columns=numbers)))
 
 
 def _warnings(run: "Run") -> list[str]:

@@ -71,19 +71,12 @@ _FIGURES_OF_PAPER = {
     "range_error": "Figure 6",
     "sound_speed": "Figure 4",
 }
-_OF_EACH = (
-    "ray_picture",
-    "fleet_layout",
-    "factor_graph",
-)  # figures that show one run, of a few runs
-_ONE_QUANTITY = (
-    "range_drop_category_compare",
-    "range_error_split",
-    "ate_run_difference",
-)  # tables; rows of the others differ in theirs
-_NewSpec = Callable[
-    [str, str, Callable[[float], Figure]], FigureSpec
-]  # of name, caption and drawing
+# figures that show one run, drawn for a few runs
+_OF_EACH = ("ray_picture", "fleet_layout", "factor_graph")
+# tables of one quantity; rows of the others differ in theirs
+_ONE_QUANTITY = ("range_drop_category_compare", "range_error_split", "ate_run_difference")
+# specification of a figure from its name, caption and drawing
+_NewSpec = Callable[[str, str, Callable[[float], Figure]], FigureSpec]
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
@@ -157,11 +150,10 @@ def write_comparison(
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
     tables = comparison_tables(runs)
-    specs = comparison_figure_specs(runs)
     return write_page(
         out,
         "comparison",
-        specs,
+        comparison_figure_specs(runs),
         lambda pictures, _: _page(runs, tables, pictures),
         {},
         formats,
@@ -408,10 +400,9 @@ def _of_each(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
 
 def _position_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
     """Position errors by condition and run. [m]"""
-    conditions = dict.fromkeys(name for r in runs.values() for name in r.errors)
     return {
         condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
-        for c in conditions
+        for c in dict.fromkeys(name for r in runs.values() for name in r.errors)
     }
 
 
@@ -461,7 +452,6 @@ def _page(
 ) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
     first = [tables[name] for name in _FIRST if name in tables]
-    others = [table for name, table in tables.items() if name not in _FIRST]
     return Page(
         title=in_words(list(runs)),
         facts=[
@@ -476,7 +466,7 @@ def _page(
         more_pictures={"Mission of each run": _shared(runs, pictures)}
         if len(runs) <= _MAX_RUNS_BESIDE
         else None,
-        tables=others,
+        tables=[table for name, table in tables.items() if name not in _FIRST],
         citation=citation_of(list(runs.values())),
         cite="Cite these runs",
     )
@@ -529,9 +519,8 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
         for name, r in runs.items()
     ]
     groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]
-    table = pd.concat(frames, ignore_index=True)
     return table_explorer(
-        table,
+        pd.concat(frames, ignore_index=True),
         list(_STATISTICS["ate_pooled"]),
         ["run", *keys.columns],
         ["condition", "run", *groups],
@@ -542,7 +531,7 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
 _COLUMNS += ["difference_m", "t_low_m", "t_high_m"]
 
 
-def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95) -> pd.DataFrame:
+def run_differences(runs: Mapping[str, RunResults]) -> pd.DataFrame:
     """
     Differences of the mean position error between each two runs, by condition.
 
@@ -563,7 +552,7 @@ def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95)
             counts = str(a.size) if paired else f"{a.size} and {b.size}"
             means = (float(values.mean()) if values.size else np.nan for values in (a, b))
             keys = (condition, name, baseline, "yes" if paired else "no", counts)
-            rows.append((*keys, *means, *_interval(a, b, confidence, paired=paired)))
+            rows.append((*keys, *means, *_interval(a, b, paired=paired)))
     return pd.DataFrame(rows, columns=_COLUMNS)
 
 
@@ -573,16 +562,16 @@ def _of_realizations(results: RunResults, condition: str) -> "pd.Series[float]":
     return pd.Series(mean, index=results.run.estimates.realization)
 
 
-def _interval(a: Array, b: Array, confidence: float, *, paired: bool) -> tuple[float, float, float]:
-    """Difference of two means, and its confidence interval."""
+def _interval(a: Array, b: Array, *, paired: bool) -> tuple[float, float, float]:
+    """Difference of two means, and its 95 % confidence interval."""
     from scipy.stats import ttest_ind
 
     if not a.size or not b.size:
         return np.nan, np.nan, np.nan
     difference = float(a.mean() - b.mean())
     if paired:
-        return difference, *paired_interval(a - b, confidence)
+        return difference, *paired_interval(a - b)
     if min(a.size, b.size) < 2:
         return difference, np.nan, np.nan
-    low, high = ttest_ind(a, b, equal_var=False).confidence_interval(confidence)
+    low, high = ttest_ind(a, b, equal_var=False).confidence_interval()
     return difference, float(low), float(high)

@@ -78,9 +78,8 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
     One row per pose of the truth and of every condition in a realization; convergence is the
     bearing of true north.
     """
-    estimated = (
-        realization if run.study.solves else 0
-    )  # ranges alone have realizations of noise, but no estimates
+    # ranges alone have realizations of noise, but no estimates
+    estimated = realization if run.study.solves else 0
     estimates = run.estimates.to_dataset().isel(realization=estimated)
     parts = {TRUTH: _poses(run.truth.to_dataset())}
     for condition in run.estimates.condition.tolist():

@@ -98,6 +98,7 @@ def simulate_mission(
             " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
             " and depth"
         )
+    # a schedule must name participants of the mission
     if schedule is not None or study.ranging.pings.own is not None:
         (schedule or study.schedule).check_names(names, landmarks)
     progress("ocean", 0, 1)
@@ -133,6 +134,7 @@ def simulate_mission(
             schedule=schedule,
         )
         mission = replace(mission, draws=draws)
+    # a flat Earth may be too coarse for the longest links
     if note := earth_note(study, mission.truth, mission.ranging_truth):
         LOG.warning(note)
     with watch.stage("picture"):

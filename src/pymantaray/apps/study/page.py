@@ -405,9 +405,8 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     ocean = run.ocean
     samples = np.union1d(_evenly(np.arange(truth.time.size), _MAX_FRAMES), pings)
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
-    bed = BoundarySurface.from_dataset(
-        ocean, "sea_floor_depth"
-    )  # a finer sea floor has axes of its own
+    # a finer sea floor has axes of its own
+    bed = BoundarySurface.from_dataset(ocean, "sea_floor_depth")
     north, east = (
         np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES)
         for name in ("north", "east")
@@ -516,8 +515,7 @@ def _sigma(run: Run, condition: int) -> dict[str, Any]:
     covariances = run.covariances
     if covariances is None:
         return {}
-    own = covariances.position_covariance[condition]
-    variance = np.einsum("reaiai->rea", own)
+    variance = np.einsum("reaiai->rea", covariances.position_covariance[condition])
     with np.errstate(invalid="ignore"):
         sigma = (
             np.sqrt(np.nanmean(variance, axis=0))

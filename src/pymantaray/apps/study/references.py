@@ -32,12 +32,11 @@ class Reference:
         f = self.fields
         year = f" ({f['year']})" if "year" in f else ""
         place = " ".join(str(f[name]) for name in ("journal", "volume") if name in f)
-        pages = str(f.get("pages", "")).replace("--", "-")
         parts = [
             f.get("title"),
             f.get("booktitle"),
             place,
-            pages,
+            str(f.get("pages", "")).replace("--", "-"),
             *(f.get(name) for name in ("institution", "number", "publisher", "version", "note")),
             f"doi:{f['doi']}" if "doi" in f else "",
         ]

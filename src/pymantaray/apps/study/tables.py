@@ -60,9 +60,8 @@ class TableDefinition:
     columns: str = ""  # shown to people; by default all
     brief: str = ""  # in the terminal and in notebooks
     folded: bool = False  # a page shows only the caption until a click
-    words: Mapping[str, str] = field(
-        default_factory=dict
-    )  # heads of columns that have another meaning in other tables
+    # heads of columns that have another meaning in other tables
+    words: Mapping[str, str] = field(default_factory=dict)
     by_row: bool = False  # the numbers of a row are one quantity
     paper: str = ""  # counterpart in the paper
 

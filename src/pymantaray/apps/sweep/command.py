@@ -156,9 +156,8 @@ def run(
     from pymantaray.apps.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
-    from pymantaray.apps.sweep import (
-        run_sweep,
-    )  # the import takes seconds, so the file is read first
+    # the import takes seconds, so the file is read first
+    from pymantaray.apps.sweep import run_sweep
 
     with (
         resumable(lambda: f"the same command resumes with the points that are not in {out}"),
@@ -230,10 +229,9 @@ def collect(
     if page:
         from pymantaray.apps.sweep import write_sweep_page
 
-        fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
         written = write_sweep_page(
             results.table(),
-            fields,
+            [name for axis in results.sweep.axes for name in axis.coordinates()],
             folder,
             title=results.sweep.name,
             notes=results.notes,

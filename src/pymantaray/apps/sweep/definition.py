@@ -360,12 +360,8 @@ def _list(field: str, values: Any) -> list[Any]:
         raise SweepError(
             f"sweep: {field}: found {_word(values)}; it must be a list of at least one value"
         )
-    return [NONE if value is None or value == {} else value for value in map(_plain, values)]
-
-
-def _plain(value: Any) -> Any:
-    """Value with NumPy numbers converted to Python numbers."""
-    return value.item() if hasattr(value, "item") else value
+    plain = (value.item() if hasattr(value, "item") else value for value in values)
+    return [NONE if value is None or value == {} else value for value in plain]
 
 
 def _zip(table: Mapping[str, Any], number: int) -> Axis:

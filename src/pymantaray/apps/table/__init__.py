@@ -1,4 +1,15 @@
-"""Tables of travel times for use on board."""
+"""
+Tables of travel times for use on board.
+
+Examples
+--------
+>>> from pymantaray import Medium
+>>> from pymantaray.apps.table import build_table
+>>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
+>>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+>>> print(table.travel_time(50.0, 400.0, 1500.0).travel_time.round(4))
+[1.0536]
+"""
 
 from typing import TYPE_CHECKING
 

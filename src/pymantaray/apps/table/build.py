@@ -63,8 +63,7 @@ class Box:
     @property
     def halvings(self) -> tuple[int, int, int]:
         """Number of times that each axis may be halved."""
-        extent = np.subtract(self.upper, self.lower)
-        wanted = np.ceil(np.log2(extent / self.smallest))
+        wanted = np.ceil(np.log2(np.subtract(self.upper, self.lower) / self.smallest))
         return tuple(int(n) for n in np.clip(wanted, _FIRST_HALVINGS, _KEY_BITS - 3))  # type: ignore[return-value]
 
 

@@ -53,10 +53,10 @@ def save_table(table: TravelTimeTable, path: Path | str, *, replace: bool = Fals
 
     Examples
     --------
-    >>> from pymantaray import Medium
-    >>> from pymantaray.apps.table import build_table, open_table, save_table
-    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
-    >>> save_table(build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0)), "saved.nc")
+    Continues the example of `pymantaray.apps.table`:
+
+    >>> from pymantaray.apps.table import open_table, save_table
+    >>> save_table(table, "saved.nc")
     >>> open_table("saved.nc").upper
     (100.0, 500.0, 2000.0)
     """
@@ -109,10 +109,10 @@ def open_table(path: Path | str) -> TravelTimeTable:
 
     Examples
     --------
-    >>> from pymantaray import Medium
-    >>> from pymantaray.apps.table import build_table, open_table, save_table
-    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
-    >>> save_table(build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0)), "table.nc")
+    Continues the example of `pymantaray.apps.table`:
+
+    >>> from pymantaray.apps.table import open_table, save_table
+    >>> save_table(table, "table.nc")
     >>> print(open_table("table.nc").horizontal_range(50.0, 400.0, 1.0).horizontal_range.round(1))
     [1419.4]
     """

@@ -81,12 +81,11 @@ def build_table(
 
     Examples
     --------
-    >>> from pymantaray import Medium
+    Continues the example of `pymantaray.apps.table`:
+
     >>> from pymantaray.apps.table import build_table
-    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
-    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
-    >>> print(table.travel_time(50.0, 400.0, 1500.0).travel_time.round(4))
-    [1.0536]
+    >>> build_table(medium, (50.0, 60.0), (400.0, 410.0), (100.0, 2000.0), tolerance=0.5).upper
+    (60.0, 410.0, 2000.0)
     """
     members = [
         entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)

@@ -127,9 +127,8 @@ class Radial:
         )
         receiver = np.column_stack([source[:, :2] + distance[:, None] * along, receiver_depth])
         bounces_and_cutoff = self.max_surface_bounces, self.max_bottom_bounces, self.cutoff_db
-        with (
-            warnings.catch_warnings()
-        ):  # of more arrivals than are stored, of which the selected one is not omitted
+        # warnings of more arrivals than are stored, of which the selected one is not omitted
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             arrivals = find_eigenrays(
                 self.medium, source, receiver, *bounces_and_cutoff, progress=progress

@@ -25,9 +25,8 @@ from pymantaray.records.digits import counted
 # relative differences from the mean slowness at the first corner
 _GUESSES = np.array([0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024])
 _ITERATIONS = 16  # of Newton's method, those of all guesses together
-_CONVERGED = (
-    1e-9  # relative difference between the travel times at the found range and the given one
-)
+# relative difference between the travel times at the found range and the given one
+_CONVERGED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +39,8 @@ class TableRanges(Record):
 
     Examples
     --------
-    >>> from pymantaray import Medium
-    >>> from pymantaray.apps.table import build_table
-    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
-    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+    Continues the example of `pymantaray.apps.table`:
+
     >>> found = table.horizontal_range(50.0, 400.0, [1.0, 9.0])
     >>> print(found.status, found.horizontal_range.round(1))
     [0 5] [1419.4    nan]
@@ -93,10 +90,8 @@ class TravelTimeTable:
 
     Examples
     --------
-    >>> from pymantaray import Medium
-    >>> from pymantaray.apps.table import build_table
-    >>> medium = Medium.from_profile([0, 100, 1000], [1450.0, 1460.0, 1475.0], bottom_depth=1000.0)
-    >>> table = build_table(medium, (0.0, 100.0), (0.0, 500.0), (100.0, 2000.0))
+    Continues the example of `pymantaray.apps.table`:
+
     >>> table.upper, table.tolerance
     ((100.0, 500.0, 2000.0), 0.05)
     """

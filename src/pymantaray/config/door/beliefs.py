@@ -385,8 +385,7 @@ def _cast(section: CastBelief, beliefs: Beliefs, realization: int) -> Belief:
         north, east = section.north, section.east
     if beliefs.in_metres and section.down_to is None:
         local = beliefs.run.ocean
-        column = local["sound_speed"].interp(north=north, east=east)
-        return beliefs.assumed(_uniform(local, column))
+        return beliefs.assumed(_uniform(local, local["sound_speed"].interp(north=north, east=east)))
     beliefs.require_columns(section)
     lat, lon = beliefs.frame.to_geodetic(north, east)
     cast = column_ocean(beliefs.true, (float(lat), float(lon)))

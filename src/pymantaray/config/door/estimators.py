@@ -111,8 +111,7 @@ class EstimatorFactory:
 
     def without_model(self, condition: str) -> Estimator | None:
         """Estimator that is the same in all realizations, or None if it has a range model."""
-        needs = self._needs_model(self._section(condition))
-        return None if needs else self.estimator(condition, 0)
+        return None if self._needs_model(self._section(condition)) else self.estimator(condition, 0)
 
     def _needs_model(self, section: ConditionSection) -> bool:
         """False if ranges are distances without correction."""

@@ -302,10 +302,9 @@ def profile_fields(
 ) -> OceanFields:
     """Build a horizontally uniform ocean from one profile."""
     water = uniform_water(section, profile, interpolation)
-    local = with_tide(section.internal_tide, water.local)
     return OceanFields(
         geographic=None,
-        local=local,
+        local=with_tide(section.internal_tide, water.local),
         cast=profile,
         unbounded=section.half_extent is None and section.internal_tide is None,
         record=water.record,

@@ -88,7 +88,6 @@ def _mixture(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> 
     """Mixture of all arrivals that a receiver may take, with the study's modems."""
     config = beliefs.config
     believed = beliefs.believed(section.belief, realization)
-    picker = build_picker(config)
     return CandidateRays(
         believed.medium,
         beliefs.reception,
@@ -96,7 +95,7 @@ def _mixture(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> 
         MixtureOptions(
             section.null_weight, section.null_width, section.persistence_s, section.gate
         ),
-        picker=picker if section.weights == "receiver" else None,
+        picker=build_picker(config) if section.weights == "receiver" else None,
         sound_speed_sigma=section.sound_speed_sigma,
         currents=believed.currents,
     )

@@ -13,6 +13,7 @@ from pymantaray.acoustics import (
     Sonar,
     WenzNoise,
 )
+from pymantaray.acoustics.levels.absorption import AbsorptionName
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.acoustics.reflection import bed_reflection
@@ -31,8 +32,7 @@ class SoundOptions:
     """True if currents change travel times along the rays."""
     options: ReceptionOptions
     """Search, losses and detection, without absorption."""
-    absorption: str
-    """Formula of the absorption, or ``none``."""
+    absorption: AbsorptionName
     centre: tuple[float, float] | None
     """Latitude and longitude where the absorption is computed; None for the middle. [degrees]"""
     timing: Timing

@@ -125,6 +125,7 @@ def uniform_water(
         )
     if section.time_varying:
         raise OceanError(f"{where}: one profile does not vary in time; remove ocean.time_varying")
+    # maps need a place and an extent
     depth, speed, reduction, reduction_notes = _reduced(section, profile, interpolation)
     place = section.centre or profile.position or profile.place
     half = section.half_extent or (UNBOUNDED, UNBOUNDED)
@@ -134,6 +135,7 @@ def uniform_water(
             f"{where}: ocean.{maps[0]} is a map, which needs `centre` and `half_extent` for a"
             " profile; or give a value in metres"
         )
+    # one column everywhere: two nodes a side, more only for a map of ice
     n = _NODES if isinstance(section.ice, str) else 2
     north, east = (np.linspace(-h, h, n) for h in half)
     shape = north.size, east.size, depth.size
@@ -145,6 +147,7 @@ def uniform_water(
         floor,
         {"title": profile.name, "source": section.source[0], "synthetic": 0},
     )
+    # time and place of the profile, if it has any
     time = profile.time if section.time is None else utc_instant(section.time)
     if not np.isnat(time):
         local.attrs["time"] = str(np.datetime_as_string(time, unit="s"))
@@ -155,6 +158,7 @@ def uniform_water(
             "proj_string": LocalFrame(*place).proj_string,
         }
     local = with_section_ice(section, local)
+    # record of the reduction, and doubts about the profile
     deepest = float(np.max(floor))
     record = {
         **reduction,
@@ -262,8 +266,7 @@ def _sea_floor(
     lat, lon = frame.to_geodetic(*np.meshgrid(*edges, indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
     coarse = Window(np.array(box[:2]), np.array(box[2:]), frame)
-    sea_floor = open_sea_floor(bed, window=box, crs=section.bathymetry_crs)
-    return local_floor(sea_floor, coarse, half)
+    return local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
 
 
 def _bed_notes(profile: Profile, floor: Array | xr.DataArray, bottom: float) -> Iterator[str]:

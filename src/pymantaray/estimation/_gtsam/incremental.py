@@ -52,21 +52,16 @@ def parameters(options: IncrementalOptions) -> Any:
     return out
 
 
-class UpdateEffort(NamedTuple):
-    """Duration of an update [s], and number of variables that it relinearized."""
-
-    seconds: float
-    relinearized: int
-
-
 class IncrementalSmoother:
     """Current estimate; unusable after a failed update."""
 
     def __init__(self, options: IncrementalOptions) -> None:
         self._smoother = gtsam.ISAM2(parameters(options))
+        self.seconds = np.nan
+        """Duration of the last update."""
 
-    def update(self, factors: Any, rows: Indices, new: Any) -> UpdateEffort | None:
-        """Add factors and variables and update; None if singular."""
+    def update(self, factors: Any, rows: Indices, new: Any) -> int | None:
+        """Add factors and variables, and return how many were relinearized; None if singular."""
         graph = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             graph.add(factors.at(i))
@@ -75,7 +70,8 @@ class IncrementalSmoother:
             result = self._smoother.update(graph, new)
         except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
             return None
-        return UpdateEffort(perf_counter() - begin, int(result.getVariablesRelinearized()))
+        self.seconds = perf_counter() - begin
+        return int(result.getVariablesRelinearized())
 
     def pose(self, key: int) -> Any:
         """Current estimate of one pose."""

@@ -111,8 +111,7 @@ class GaussMarkovFilter:
         """
         along = self.covariance[:, columns] @ values
         mean = float(values @ self.mean[columns])
-        spread = max(float(values @ along[columns]), 0.0)
-        variance = alternatives.variance + spread
+        variance = alternatives.variance + max(float(values @ along[columns]), 0.0)
         off = alternatives.residual - mean
         exponent = np.minimum(0.5 * off**2 / variance, _MAX_TERM)
         density = alternatives.probability * np.exp(-exponent) / np.sqrt(2.0 * np.pi * variance)

@@ -1,7 +1,7 @@
 """Incremental estimation by iSAM2: factors enter in the order of time, one update for each ping."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,6 @@ from pymantaray.estimation.solvers.solution import (
     make_solution,
 )
 from pymantaray.estimation.solvers.trilateration import determined_times
-from pymantaray.geometry.se3 import quaternion_from_matrix
-
-if TYPE_CHECKING:
-    from pymantaray.estimation._gtsam.incremental import UpdateEffort
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +32,8 @@ class IncrementalResult:
     optimum: Optimum  # final state, with the next step of a batch solver (not applied)
     update_time: Array  # since the start of the mission, (n_updates,) [s]
     seconds: Array  # duration of each update; NaN after a failed update
-    relinearized: Indices  # variables linearized again in each update
-    # estimate of each pose at its own time: after an update, or dead-reckoned from the last one [m]
+    # each position at its own time: after an update, or dead-reckoned from the last one [m]
     position: Array
-    quaternion: Array
-    # each position before the first update with the pose, dead-reckoned from the last update [m]
-    before: Array
 
 
 def solve_incrementally(
@@ -80,7 +72,8 @@ def solve_incrementally(
         name = graph.variable_name(int(np.argmin(line.variable_update)))
         raise EstimationError(f"{name}: no factor mentions it; give it a prior or an edge")
     smoother = IncrementalSmoother(options.incremental)
-    log = _Log(graph, update_time)
+    seconds = np.full(update_time.size, np.nan)
+    position = np.full((graph.n_poses, 3), np.nan)
     entering = Entering(graph, start, update_time)
     steps = 0
     failed = False
@@ -88,73 +81,46 @@ def solve_incrementally(
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
         new = entering.values(variables, smoother, k)
-        effort = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
+        relinearized = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
         steps += 1
-        if effort is None:
+        if relinearized is None:
             failed = True
             break
-        log.note(k, variables[variables < graph.n_poses], new, smoother, effort)
+        seconds[k] = smoother.seconds
+        poses = variables[variables < graph.n_poses]
+        position[poses] = _positions_now(graph, poses, update_time[k], new, smoother)
     for _ in range(0 if failed else options.incremental.final_updates):
-        effort = smoother.update(factors, none, entering.values(none, smoother, k))
+        relinearized = smoother.update(factors, none, entering.values(none, smoother, k))
         steps += 1
-        if effort is None or effort.relinearized == 0:
-            failed = effort is None
+        if not relinearized:
+            failed = relinearized is None
             break
     problem = problem or distance_problem(graph, loss)
     cost = problem.cost(GraphState.of(initial))
     if failed:
         progress = SolveProgress(steps, cost, np.nan, singular=True)
         optimum = Optimum(GraphState.of(initial), progress)
-        return log.result(make_solution(initial, progress, gate(progress, options)), optimum)
+        solution = make_solution(initial, progress, gate(progress, options))
+        return IncrementalResult(solution, optimum, update_time, seconds, position)
     # one batch step, not applied, measures the distance from the optimum
     optimum = check_convergence(problem, GraphState.of(graph_values(smoother.values(), graph)))
     end = replace(optimum.progress, iterations=steps, initial_cost=cost)
     limits = replace(options, end_tolerance=options.incremental.end_tolerance)
     expected = np.nan if loss is not None else graph.degrees_of_freedom / 2.0
     solution = make_solution(optimum.state.values(graph), end, gate(end, limits), expected)
-    return log.result(solution, optimum)
+    return IncrementalResult(solution, optimum, update_time, seconds, position)
 
 
-class _Log:
-    """Record of the estimates of each update."""
-
-    def __init__(self, graph: FactorGraph, update_time: Array) -> None:
-        n = graph.n_poses
-        self._pose_time = graph.pose_time
-        self._time = update_time
-        self._seconds = np.full(update_time.size, np.nan)
-        self._relinearized = np.zeros(update_time.size, dtype=int)
-        self._before = np.full((n, 3), np.nan)
-        self._position = np.full((n, 3), np.nan)
-        self._rotation = np.full((n, 3, 3), np.nan)
-
-    def note(
-        self, update: int, poses: Indices, new: Any, smoother: Any, effort: "UpdateEffort"
-    ) -> None:
-        self._seconds[update] = effort.seconds
-        self._relinearized[update] = effort.relinearized
-        now = self._time[update]
-        for key in poses.tolist():
-            before = new.atPose3(key)
-            pose = smoother.pose(key) if self._pose_time[key] == now else before
-            self._before[key] = before.translation()
-            self._position[key] = pose.translation()
-            self._rotation[key] = pose.rotation().matrix()
-
-    def result(self, solution: GraphSolution, optimum: Optimum) -> IncrementalResult:
-        quaternion = np.full((self._rotation.shape[0], 4), np.nan)
-        reached = ~np.isnan(self._rotation[:, 0, 0])
-        quaternion[reached] = quaternion_from_matrix(self._rotation[reached])
-        return IncrementalResult(
-            solution,
-            optimum,
-            self._time,
-            self._seconds,
-            self._relinearized,
-            self._position,
-            quaternion,
-            self._before,
-        )
+def _positions_now(
+    graph: FactorGraph, poses: Indices, now: float, new: Any, smoother: Any
+) -> Array:
+    """Positions of poses that entered in an update, (n, 3); earlier poses are dead-reckoned. [m]"""
+    return np.array(
+        [
+            (smoother.pose(key) if graph.pose_time[key] == now else new.atPose3(key)).translation()
+            for key in poses.tolist()
+        ]
+    ).reshape(-1, 3)
 
 
 def update_times(graph: FactorGraph, moment: Array, every: str) -> Array:

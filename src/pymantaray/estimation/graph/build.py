@@ -154,6 +154,7 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
         pose_number=np.tile(np.arange(n_times), n_vehicles),
         pose_time=np.tile(measurements.time, n_vehicles),
     )
+    # vehicles without a first pose have no prior
     known = ~np.isnan(
         np.hstack(
             [measurements.first_position, measurements.first_quaternion, measurements.first_sigma]
@@ -163,6 +164,7 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
     landmarks = poses.size + np.arange(measurements.landmark_name.size)
     first = [measurements.first_position[known], measurements.first_quaternion[known]]
     steps = [measurements.odometry_translation, measurements.odometry_rotation]
+    # variables, measurements and sigmas of each kind of factor
     tables = {
         "prior": (chain[known, 0], first, measurements.first_sigma[known]),
         "depth": (
@@ -185,6 +187,7 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
     graph = bare.with_factors(
         **{name: _table(bare, name, *columns) for name, columns in tables.items()}
     )
+    # attitudes are measured in the axes of the world, their factors in those of the body
     rotations = [
         name
         for name, kind in KINDS.items()

@@ -165,10 +165,9 @@ class FactorKind:
         """
         Measured rows in "rad", in "m" or in either; of a planar graph only the rows in the plane.
         """
-        rows = enumerate(self.row_names)
         return [
             i
-            for i, name in rows
+            for i, name in enumerate(self.row_names)
             if _UNITS[name] in units.split() and not (planar and name in OUT_OF_PLANE)
         ]
 

@@ -114,7 +114,6 @@ def with_depths(graph: FactorGraph, values: GraphValues) -> tuple[FactorGraph, G
     depths = KINDS["depth"].table(pose, [below - ABOVE], ranges.covariance)
     tables["depth"] = tables["depth"].append(depths)
     names = np.delete(graph.landmark_name, above)
-    positions = np.delete(values.landmark_position, above, axis=0)
     return replace(graph, landmark_name=names, factors=tables), replace(
-        values, landmark_position=positions
+        values, landmark_position=np.delete(values.landmark_position, above, axis=0)
     )

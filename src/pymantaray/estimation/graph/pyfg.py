@@ -301,8 +301,7 @@ def load_pyfg(
     path = Path(path)
     lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _WORDS, one_space=True)
-    reader = _Reader(lines, tables, planar=planar)
-    graph, values = reader.graph(_read_names(names_file(path)))
+    graph, values = _Reader(lines, tables, planar=planar).graph(_read_names(names_file(path)))
     n_ranges = len(graph["range"])
     graph, values = with_depths(graph, values)
     try:

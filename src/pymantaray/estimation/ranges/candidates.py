@@ -89,13 +89,12 @@ class CandidateArrivals(NamedTuple):
     @property
     def prediction(self) -> Prediction:
         """Travel times and gradients of all candidates."""
-        bounces = self.surface_bounces + self.bottom_bounces
         return Prediction(
             travel_time=self.travel_time,
             transmitter_gradient=self.transmitter_gradient,
             receiver_gradient=self.receiver_gradient,
             possible=np.ones(self.row.size, dtype=bool),
-            bounces=bounces,
+            bounces=self.surface_bounces + self.bottom_bounces,
         )
 
 

@@ -86,8 +86,7 @@ class MixtureIterations(OuterIterations):
     def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
         """Solve from the on-line estimate, which starts from these values."""
         self._initial = GraphState.of(initial, self._model_ranges.n_unknowns)
-        online = self._online(self._initial, options)
-        return super().solve(online.values(self._graph), options)
+        return super().solve(self._online(self._initial, options).values(self._graph), options)
 
     def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the most probable sequence of candidates at the links."""

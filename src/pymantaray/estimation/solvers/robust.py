@@ -78,8 +78,7 @@ def _descend_steps(
     cost = problem.cost(initial)
     progress = SolveProgress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
-        equations = problem.linearize(state, begin=True)
-        solved = equations.step()
+        solved = problem.linearize(state, begin=True).step()
         if solved is None:
             return replace(progress, singular=True), state
         _, step = solved

@@ -186,6 +186,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     edge = graph["edge"]
     sightings = graph.of_ends(("pose", "landmark"))
     first = first_of_chains(graph)
+    # rotations: linear least squares of all nine entries, then the nearest rotations
     rotation_step = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
     at = np.concatenate([prior.subject, first])
@@ -204,20 +205,21 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
     rotation = left @ right
 
+    # positions: linear least squares with these rotations
     translation_step = np.concatenate([table.column("position") for table in (edge, *sightings)])
     ends = np.concatenate([table.variables for table in (edge, *sightings)])
     weight = np.concatenate(
         [1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)]
     )
-    unary = graph.of_ends(("pose",), ("landmark",))
     anchors = [
         table
-        for table in unary
+        for table in graph.of_ends(("pose",), ("landmark",))
         if "position" in table.kind.columns_at and not table.kind.is_partial
     ]
     at = np.concatenate([table.subject for table in anchors])
     position = np.concatenate([table.column("position") for table in anchors])
     anchor_weight = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in anchors])
+    # a part of the graph without an anchor stays at its first variable
     loose = _first_of_parts(graph.n_variables, ends, at)
     every = np.concatenate([values.position, values.landmark_position])
     displacement = np.einsum("nij,nj->ni", rotation[ends[:, 0]], translation_step)
@@ -231,6 +233,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         graph.n_variables,
         displacement[:, None],
     )[:, 0]
+    # a planar graph has no depth and no other axis
     quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
         positions[:, 2] = 0.0

@@ -136,8 +136,7 @@ def _is_minimum(step: Array, distance: Array, sigma: Array) -> bool:
     across = np.eye(step.shape[1]) - unit[:, :, None] * unit[:, None, :]
     bend = (1.0 - distance / np.where(length > 0.0, length, np.inf))[:, None, None] * across
     each = (unit[:, :, None] * unit[:, None, :] + bend) / sigma[:, None, None] ** 2
-    eigenvalues = np.linalg.eigvalsh(each.sum(axis=0))
-    return bool(eigenvalues[0] >= -_SADDLE * np.sum(sigma**-2.0))
+    return bool(np.linalg.eigvalsh(each.sum(axis=0))[0] >= -_SADDLE * np.sum(sigma**-2.0))
 
 
 def _guesses(point: Array, distance: Array) -> list[Array]:

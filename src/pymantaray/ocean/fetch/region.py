@@ -57,9 +57,8 @@ class Region:
     def of_grid(self, lat: Array, lon: Array, where: str) -> Selection:
         """Select the points of a server's grid that enclose the region."""
         grid = select(lat, lon, self.window, where, enclose=True)
-        west = wrap_longitude(
-            self.west - grid.lon[0]
-        )  # distance of the region's side from the grid's side
+        # distance of the region's side from the grid's side
+        west = wrap_longitude(self.west - grid.lon[0])
         sides = (
             self.south - grid.lat[0],
             grid.lat[-1] - self.north,

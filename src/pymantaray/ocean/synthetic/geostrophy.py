@@ -113,9 +113,8 @@ def eddy_fields(
         horizontal.append(np.exp(-0.5 * squared / eddy.radius**2))
         s = (grid.depth - eddy.core_depth) / eddy.half_thickness
         bell = np.exp(-0.5 * s**2)
-        surface = 1.0 - np.exp(
-            -((grid.depth / (0.7 * eddy.core_depth)) ** 4)
-        )  # the cap stays at rest
+        # the cap stays at rest
+        surface = 1.0 - np.exp(-((grid.depth / (0.7 * eddy.core_depth)) ** 4))
         displacement.append(eddy.heave * s * math.exp(0.5) * bell * surface)
         lid = eddy.from_surface & (s < 0.0)
         core.append(eddy.foreign_fraction * np.where(lid, 1.0, bell))

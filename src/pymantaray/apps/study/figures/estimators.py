@@ -240,6 +240,7 @@ def consistency_over_time(
     every = style.condition_looks(list(dict.fromkeys([*conditions, *tested])))
     looks = {name: every[name] for name in tested}
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
+    # ratios far from 1 have a logarithmic axis, and a second row near the bounds
     ratio = np.concatenate([part["ratio"].to_numpy() for part in tables])
     log = bool(ratio.size) and bool(
         ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH
@@ -258,6 +259,7 @@ def consistency_over_time(
             if len(part):
                 reach = _ZOOM * float(np.maximum(part["high"] - 1.0, 1.0 - part["low"]).max())
                 grid[1, c].set_ylim(max(1.0 - reach, 0.0), 1.0 + reach)
+    # few epochs are the ticks
     hours = np.unique(np.concatenate([part["time_h"].to_numpy() for part in tables]))
     if 0 < hours.size <= _TICKS:
         grid[-1, 0].set_xticks(hours)
@@ -265,6 +267,7 @@ def consistency_over_time(
         axes.set_ylabel("NEES / degrees of freedom")
     for axes in grid[:, 1]:
         axes.set_ylabel("NIS / degrees of freedom")
+    # one legend for all panels
     point = {"markersize": 3.6}
     labels = style.condition_labels(list(looks))
     handles = [

@@ -27,9 +27,8 @@ _LETTER = 0.058  # of a key below a figure: width of a letter and of a mark, a l
 _WORDS = 56  # letters of a line of words below the factor graph
 _KEY_MARK = 0.42
 _KEY_LINE = 0.16
-_WAYS = np.array(
-    [(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)]
-)  # from mark to name
+# directions from a mark to its name
+_WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])
 _LABEL_DISTANCES = (3.0, 9.0, 16.0, 24.0)  # points
 _NAME: dict[str, Any] = {
     "fontsize": 6.5,
@@ -104,8 +103,7 @@ def fleet_layout(
     _finish(solid, truth, measurements, feet)
     draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
-    title = "(b) start, greatest depth and track"
-    figure.text(*place(*layout.title)[:2], title, fontsize=7.5)
+    figure.text(*place(*layout.title)[:2], "(b) start, greatest depth and track", fontsize=7.5)
     style.panel_title(time, "c", "depth")
     return figure
 
@@ -263,9 +261,8 @@ def _write_names(axes: Axes, places: Array, names: list[str]) -> None:
     axes.apply_aspect()
     dots = axes.transData.transform(places)
     per_point = figure.dpi / 72.0
-    covered = np.stack(
-        [dots - 2.0 * per_point, dots + 2.0 * per_point], axis=1
-    )  # markers, then names too
+    # rectangles of markers, then of names too
+    covered = np.stack([dots - 2.0 * per_point, dots + 2.0 * per_point], axis=1)
     for name, place, dot in zip(names, places, dots, strict=True):
         text = axes.annotate(style.plain(name), place, (0, 0), textcoords="offset points", **_NAME)
         box = text.get_window_extent()

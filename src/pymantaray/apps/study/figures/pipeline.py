@@ -114,8 +114,7 @@ def pipeline(header: str, *, width: float = style.DOUBLE) -> Figure:
 
     For one column of a journal, the stages are in rows, and the arrows point downward.
     """
-    functions = [function for *_, function in STAGES]
-    between = flows(functions)
+    between = flows([function for *_, function in STAGES])
     column = columns(len(STAGES), between)
     spots = [(x, column[:i].count(x) - (column.count(x) - 1) / 2.0) for i, x in enumerate(column)]
     turned = width == style.COLUMN

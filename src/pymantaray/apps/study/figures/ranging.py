@@ -73,6 +73,7 @@ def range_error_split(
         figure = style.new_figure(width, 2.7, header)
         both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
+    # parts of the received ranges
     received = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
     km = distance[received] / 1e3
     points: dict[str, Any] = {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
@@ -105,6 +106,7 @@ def range_error_split(
         both.legend(loc="best", markerscale=4, handletextpad=0.1, borderaxespad=0.1)
     else:
         style.note(both, "no range was received")
+    # zero line and labels
     for axes in (both, counts, alone):
         axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
     both.set_ylabel("Part of the error [m]")

@@ -91,8 +91,7 @@ class RunResults:
     @property
     def realizations(self) -> str:
         """Number of realizations with its noun."""
-        count = len(self.run.estimates.realization)
-        return counted(count, "realization")
+        return counted(len(self.run.estimates.realization), "realization")
 
     @property
     def attempts(self) -> int:
@@ -196,12 +195,11 @@ def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[F
     the realizations.
     """
     failed = find_figures()
-    entries = sorted(_REGISTER.values(), key=lambda entry: entry.place)
     specs = [
         entry.spec(results, of_mission=of_mission)
         if entry.owner is None
         else _guarded_spec(entry, entry.owner, results, of_mission=of_mission)
-        for entry in entries
+        for entry in sorted(_REGISTER.values(), key=lambda entry: entry.place)
     ]
     return [*(spec for spec in specs if spec is not None), *failed]
 

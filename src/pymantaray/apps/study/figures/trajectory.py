@@ -22,9 +22,8 @@ from pymantaray.plotting import style
 _LOG_BINS = 100
 _LINEAR_BINS = 60
 _ROOF = 0.78  # share of a row's height for the distribution; text is above it
-_AXIS_RATIO = (
-    3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
-)
+# limit of a linear axis, as a multiple of the median over conditions of their ends
+_AXIS_RATIO = 3.0
 _RIDGE, _MIN_RIDGE, _HIGHEST = 0.6, 0.45, 8.0
 """Height of a row of distributions in one column, the least one, and of all rows together. [in]"""
 _SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
@@ -69,8 +68,7 @@ def _caption_over_time(results: RunResults) -> str:
 def pooled_ape(panels: Sequence[ApePanel], header: str, *, width: float = style.DOUBLE) -> Figure:
     """Distribution of the translational error, all vehicles, times and realizations pooled."""
     conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
-    rows = max(len(conditions), 1)
-    figure, grid = _ape_grid(rows, len(panels), header, width)
+    figure, grid = _ape_grid(max(len(conditions), 1), len(panels), header, width)
     pooled = [
         {name: values[np.isfinite(values)] for name, values in panel.errors.items()}
         for panel in panels
