@@ -24,18 +24,28 @@ EXACT = {"gnss": 0.0, "red": 0.0}
 FLAT = LocateOptions(earth="flat")  # positions of made-up surveys are in metres
 
 
-@pytest.mark.parametrize("memory", [np.inf, 1800.0])
-def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory, as_stored):
+def share_of_line(covariance):
+    """Part of the variance of a series about its mean that is a straight line."""
+    line = np.linspace(-1.0, 1.0, len(covariance))
+    about_mean = np.eye(line.size) - 1.0 / line.size
+    return line @ covariance @ line / (line @ line) / np.trace(about_mean @ covariance)
+
+
+@pytest.mark.parametrize("memory", [np.inf, 1800.0, 7200.0])
+def test_a_drift_is_a_mean_and_a_series_of_variance_one(memory, as_stored):
+    """A series with a memory has the trends of its process; half of the other is a line."""
     times = np.linspace(0.0, 7200.0, 50)[:, None] + [0.0, 2.0]
-    spline = Spline(times, 600.0, 40, memory)
+    spline = Spline(times, 120.0, 80, memory)
     basis = spline._basis
     np.testing.assert_allclose(basis.T @ basis, np.eye(len(basis)), atol=1e-9)
-    columns = spline.at(np.linspace(0.0, 7202.0, 400))
+    at = np.linspace(0.0, 7202.0, 400)
+    columns = spline.at(at)
     assert np.ptp(columns[:, 0]) < 1e-12
-    assert np.ptp(np.diff(columns[:, 1])) < 1e-12
-    assert columns[0, 1] == pytest.approx(-columns[-1, 1])
-    drift = columns[:, 2:] * spline.unit[2:]
+    drift = columns[:, 1:] * spline.unit[1:]
     assert np.mean(np.sum(drift**2, axis=1)) == pytest.approx(1.0, rel=0.05)
+    process = np.exp(-np.abs(np.subtract.outer(at, at)) / memory)
+    expected = 0.5 if np.isinf(memory) else share_of_line(process)
+    assert share_of_line(drift @ drift.T) == pytest.approx(expected, rel=0.1)
     as_stored([columns, spline.unit])
 
 

@@ -61,13 +61,15 @@ def posterior(
     sigma: float,
     without: NDArray[np.int64] | None = None,
     steps: int = _MAX_STEPS,
+    is_fixed: bool = False,
 ) -> Posterior:
     """
     Posterior at values, with the noise level [s] and the hyperparameters of maximum evidence.
 
     The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there
-    are too few pings. The columns ``without`` are known. With ``steps=1``, hyperparameters do not
-    change. Known columns change to their prior means.
+    are too few pings. The columns ``without`` are known. With ``steps=1``, nothing but the columns
+    changes; with ``is_fixed``, hyperparameters do not change. Known columns change to their prior
+    means.
     """
     prior_sd = unknowns.prior_sd
     if without is not None:
@@ -101,7 +103,7 @@ def posterior(
         # MacKay: the variance of a group is its sum of squares over the number of its coefficients
         # that the data determine
         largest_change = 0.0
-        for name, rows in members.items():
+        for name, rows in {} if is_fixed else members.items():
             free = float(np.sum(1.0 - np.diag(solution.covariance)[rows] / sd[rows] ** 2))
             squares = float(
                 np.sum(((solution.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2)

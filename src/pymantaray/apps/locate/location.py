@@ -524,7 +524,9 @@ class Location:
             )
         if self.solution.model.lever_doubt > 0.0:
             lines.append(self._estimated_lever)
-        elif "lever_doubt" in table and (table["allowed"] & (table["lever_doubt"] > 0.0)).any():
+        elif "lever_doubt" in table and bool(
+            table["allowed"].to_numpy()[table["lever_doubt"].argmax()]
+        ):
             lines.append(
                 "The pings do not exclude that the lever arm or the headings are wrong; this is in"
                 " the standard deviations. Check both, or state an uncertainty with `lever_sigma`."

@@ -14,7 +14,7 @@ from pymantaray.apps.locate.evidence import Posterior, posterior
 from pymantaray.apps.locate.linear import Linearization, Products
 from pymantaray.apps.locate.noise import Correlation
 from pymantaray.apps.locate.options import KINDS, Earth, Kind, LocateOptions
-from pymantaray.apps.locate.solve import Model, Solver, SurveySolution
+from pymantaray.apps.locate.solve import WRONG_LEVER, Model, Solver, SurveySolution
 from pymantaray.apps.locate.survey import Survey
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array
@@ -29,10 +29,14 @@ _NOISES = {
 # memories of the sound speed, relative to the survey's duration
 _MEMORIES = (np.inf, 1.0, 0.25, 0.0625, 0.015625)
 # prior of the models: relative probability of each kind, divided among its memories and amplitudes;
-# the sum differs with the kinds that are allowed, so the weights of the average are normalized
-_PROBABILITIES = {"known": 1.0, "scale": 0.2, "time": 0.75, "gradient": 0.05, "modes": 0.2}
-_AMPLITUDES = (1e-5, 3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
+# the sum differs with the kinds that are allowed, so the weights of the average are normalized;
+# `Model.penalty` lowers that of gradients
+_PROBABILITIES = {"known": 1.0, "scale": 0.35, "time": 0.6, "gradient": 0.6, "modes": 0.2}
+_AMPLITUDES = (3e-5, 1e-4, 3e-4)  # rms of the drift of the sound speed, relative to it
+_NOISE_STEPS = 4  # of the noise level beside a given amplitude
 _LEVER_DOUBTS = (0.3, 2.0)  # m; standard deviations of a wrong lever arm
+_HEADING_DOUBT = 0.05  # rad; a wrong heading turns the lever arm, if it is longer than 6 m
+_LEVER_COST = 0.25  # relative growth of the variance if a small error of the lever arm counts
 _LEVER_MARGIN = 2.0 * np.log(10.0)  # ABIC; a wrong lever arm of lower odds does not count
 _MIN_FOR_LEVER = 50  # pings
 _MIN_TURN = 0.02  # rad; on a steady heading, a lever arm is an offset of the nodes
@@ -95,12 +99,13 @@ class _Comparison:
         # a gradient may have taken the place of the lever arm: try all kinds
         stated = self.best.model
         allowed = self._solver.options.kinds
+        doubts = lever_doubts(self._base.unknowns.survey)
         for kind in allowed:
-            for doubt in _LEVER_DOUBTS:
+            for doubt in doubts:
                 self.add([Model(kind, lever_doubt=doubt), stated.of_kind(kind, doubt)])
         if _excess_of_lever(list(self.candidates.values()), allowed) >= 0.0:
             return False
-        self.doubts = _LEVER_DOUBTS
+        self.doubts = doubts
         return True
 
     def add(self, models: Sequence[Model]) -> None:
@@ -156,7 +161,8 @@ class _Comparison:
             hyper,
             sigma=selected.sigma,
             without=without,
-            steps=1,
+            steps=_NOISE_STEPS,
+            is_fixed=True,
         )
 
     def _system(self, rich: Model) -> _System:
@@ -193,18 +199,61 @@ def _excess_of_lever(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> 
     return min(doubting, default=np.inf) - min(others)
 
 
-def _counts(candidates: Sequence[Candidate], kinds: Sequence[Kind]) -> list[bool]:
-    """
-    True for each candidate that counts in the average.
+def lever_doubts(survey: Survey) -> tuple[float, ...]:
+    """Standard deviations of small and large errors of the horizontal lever arm. [m]"""
+    small, large = _LEVER_DOUBTS
+    of_heading = _HEADING_DOUBT * float(np.hypot(*survey.lever.offset[:2]))
+    return float(np.clip(of_heading, small, large)), large
 
-    Models with a wrong lever arm count if the pings nearly ask for it. Otherwise its prior would
-    widen a survey that says nothing of it, and it is not that of this ship.
+
+def _lever_priors(
+    candidates: Sequence[Candidate], kinds: Sequence[Kind], solution: SurveySolution
+) -> dict[float, float]:
     """
-    with_lever = _excess_of_lever(candidates, kinds) < _LEVER_MARGIN
-    return [
-        one.model.kind in kinds and (one.model.lever_doubt == 0.0 or with_lever)
+    Log of the prior odds of each standard deviation of the lever arm whose models count.
+
+    Models with a wrong lever arm count if the pings nearly ask for it. Small errors always count,
+    unless the lever arm is exact or another model of the sound speed is better, with the
+    probability of at most 1/2 that lets the standard deviations grow by 10 % or so. With a larger
+    one, the prior would widen a survey that says nothing of the lever arm.
+    """
+    doubts = {one.model.lever_doubt for one in candidates} - {0.0}
+    odds = {0.0: 0.0}
+    if _excess_of_lever(candidates, kinds) < _LEVER_MARGIN:
+        odds |= dict.fromkeys(doubts, -WRONG_LEVER - np.log(len(doubts)))
+    stated = [
+        one
         for one in candidates
+        if one.model.lever_doubt == 0.0 and (one.model.kind != "known" or "known" in kinds)
     ]
+    best = min(stated, key=lambda candidate: candidate.abic)
+    survey = solution.unknowns.survey
+    small = lever_doubts(survey)[0]
+    doubting = best.model._replace(lever_doubt=small)
+    of_small = [one for one in candidates if one.model == doubting]
+    if of_small and best.model.kind in kinds and not survey.lever.exact:
+        by_position = _by_position(solution)
+        known, free = (_variances(by_position, one.fit) for one in (best, *of_small))
+        is_unknown = known > 0.0
+        growth = float(np.max(free[is_unknown] / known[is_unknown] - 1.0, initial=0.0))
+        probability = _LEVER_COST / max(growth, 2.0 * _LEVER_COST)
+        least = np.log(probability / (1.0 - probability))
+        odds[small] = max(odds.get(small, -np.inf), least)
+    return odds
+
+
+def _by_position(solution: SurveySolution) -> Array:
+    """Derivative of all positions by the columns of positions and array (3 n_nodes, n)."""
+    unknowns = solution.unknowns
+    by_columns = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
+    return by_columns[:, : unknowns.slices["array"].stop]
+
+
+def _variances(by_position: Array, fit: Posterior) -> Array:
+    """Variances of all positions (3 n_nodes,). [m²]"""
+    columns = by_position.shape[1]
+    spread = by_position @ fit.covariance[:columns, :columns]
+    return np.asarray(np.sum(spread * by_position, axis=1))
 
 
 def _noises(now: Model, name: str) -> list[Model]:
@@ -317,14 +366,15 @@ def candidate_table(
         "earth": len({one.model.earth for one in ordered}) > 1,
         "lever_doubt": len({one.model.lever_doubt for one in ordered}) > 1,
     }
-    for candidate, counts in zip(ordered, _counts(ordered, kinds), strict=True):
+    odds = _lever_priors(ordered, kinds, solution)
+    for candidate in ordered:
         model = candidate.model
         noise = model.correlation
         smoothness = candidate.fit.hyperparameters
         rows.append(
             {
                 "chosen": model == solution.model,
-                "allowed": counts,
+                "allowed": model.kind in kinds and model.lever_doubt in odds,
                 "sound_speed": model.kind,
                 "sound_speed_memory_s": model.memory if model.splined else np.nan,
                 "correlation_ratio": noise.ratio,
@@ -364,15 +414,17 @@ def average_of_models(
     Average the positions over the allowed models by their evidence and a prior of the models.
 
     Each model has the same probability as others of its kind, of its shape of the Earth, and with
-    white or correlated noise, as has each amplitude of the drift. The covariance is that of the
+    white or correlated noise, as has each amplitude of the drift. Other smoothness is that of
+    maximum evidence, for which ABIC's penalty is subtracted. The covariance is that of the
     mixture about its mean; the spread is its excess over the chosen model's covariance, at least 0
     in all directions.
     """
-    unknowns = solution.unknowns
-    n_columns = unknowns.slices["array"].stop
-    by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)[:, :n_columns]
-    counts = _counts(candidates, kinds)
-    allowed = [one for one, is_counted in zip(candidates, counts, strict=True) if is_counted]
+    by_position = _by_position(solution)
+    n_columns = by_position.shape[1]
+    odds = _lever_priors(candidates, kinds, solution)
+    allowed = [
+        one for one in candidates if one.model.kind in kinds and one.model.lever_doubt in odds
+    ]
     chosen = next(candidate for candidate in allowed if candidate.model == solution.model)
     fits = [(one.model, fit) for one in allowed for fit in one.others or (one.fit,)]
     count = Counter(_group(model) for model, _ in fits)
@@ -380,6 +432,8 @@ def average_of_models(
         [
             fit.log_evidence
             - model.penalty
+            + (odds[model.lever_doubt] + WRONG_LEVER if model.lever_doubt else 0.0)
+            - sum(name != "time" for name in fit.hyperparameters)
             + np.log(_PROBABILITIES[model.kind] / count[_group(model)])
             for model, fit in fits
         ]
@@ -428,5 +482,5 @@ def _group(model: Model) -> Model:
         model.kind,
         correlation=Correlation(ratio=float(not model.is_white)),
         earth=model.earth,
-        lever_doubt=float(model.lever_doubt > 0.0),
+        lever_doubt=model.lever_doubt,
     )

@@ -49,8 +49,8 @@ class ReadOptions:
     lever : tuple of float, optional
         Vector from antenna to transducer: forward, starboard, down. Default: from the file. [m]
     lever_sigma : tuple of float, optional
-        Standard deviations of the lever arm, which the solver then estimates. Default: from the
-        file. [m]
+        Standard deviations of the lever arm, which the solver then estimates; 0 0 0 for an exact
+        lever arm and exact headings. Default: from the file. [m]
     platform_error : PlatformError, optional
         Errors of positions, which replace those of the file.
 
@@ -110,7 +110,9 @@ class ReadOptions:
         return survey.assign(
             nodes=tuple(nodes),
             lever=LeverArm(
-                self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma
+                self.lever or survey.lever.offset,
+                self.lever_sigma or survey.lever.sigma,
+                exact=self.lever_sigma is not None and not any(self.lever_sigma),
             ),
             sigma=sigma,
             platform_error=self.platform_error or survey.platform_error,

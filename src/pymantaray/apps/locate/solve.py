@@ -45,7 +45,8 @@ _MAX_SCALES = 60
 _DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
 _MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
 _CORRELATED = 3  # hyperparameters of correlated noise
-_WRONG_LEVER = 4  # log of the prior odds against a wrong lever arm or heading, 55 to 1
+_GRADIENTS = 3  # log of the prior odds against horizontal gradients, 20 to 1
+WRONG_LEVER = 4  # log of the prior odds against a wrong lever arm or heading, 55 to 1
 
 
 class Model(NamedTuple):
@@ -72,7 +73,7 @@ class Model(NamedTuple):
 
     @property
     def hyperparameters(self) -> int:
-        """Hyperparameters that were searched on a grid, and the penalty of an unknown lever arm."""
+        """Hyperparameters that were searched on a grid, and the penalty of unlikely terms."""
         return int(np.isfinite(self.memory)) + self.penalty
 
     @property
@@ -82,9 +83,10 @@ class Model(NamedTuple):
 
     @property
     def penalty(self) -> int:
-        """Penalty of the log evidence for correlated noise and for an unknown lever arm."""
+        """Penalty of the log evidence for correlated noise, gradients and a wrong lever arm."""
         of_noise = 0 if self.is_white else _CORRELATED
-        return of_noise + (_WRONG_LEVER if self.lever_doubt > 0.0 else 0)
+        of_gradients = _GRADIENTS if self.kind == "gradient" else 0
+        return of_noise + of_gradients + (WRONG_LEVER if self.lever_doubt > 0.0 else 0)
 
 
 @dataclass(frozen=True, eq=False)

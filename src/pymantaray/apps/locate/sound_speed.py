@@ -21,7 +21,7 @@ from pymantaray.ocean.modes import VerticalModes
 KM = 1000.0
 _CHUNK = 8192  # pings whose rows are in memory at a time
 _DEGREE = 3
-_UNPENALIZED = 2  # columns of a spline without a penalty: a constant and a straight line
+_UNPENALIZED = 1  # column of a spline whose prior is not that of the drift: the mean
 _MIN_KNOTS = 4
 _MAX_KNOTS = 120
 _MAX_GRADIENT_KNOTS = 40
@@ -67,8 +67,8 @@ class Spline:
     Without a `memory`, the prior penalizes second differences of the coefficients: an integrated
     random walk. With one [s], it is an Ornstein-Uhlenbeck process whose correlation falls to 1/e in
     this time, a random walk if that is the survey's duration. The coordinates are eigenvectors of
-    the prior. The first two, a constant and a straight line, have no penalty. ``unit`` normalizes
-    the mean variance of the others to 1.
+    the prior about the mean, which is the first coordinate and has a prior of its own. ``unit``
+    normalizes the mean variance of the others, the drift, to 1.
     """
 
     def __init__(self, times: Array, interval: float, most: int, memory: float = np.inf) -> None:
@@ -86,22 +86,23 @@ class Spline:
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
         self.times = times
         size = count + _DEGREE
-        line = np.linspace(-1.0, 1.0, size)
-        lengths = np.array([np.sqrt(size), np.linalg.norm(line)])
-        plain = np.column_stack([np.ones(size), line]) / lengths
         if np.isinf(memory):
+            line = np.linspace(-1.0, 1.0, size)
             differences = np.diff(np.eye(size), n=2, axis=0)
             values, vectors = np.linalg.eigh(differences.T @ differences)
-            unit = values[_UNPENALIZED:] ** -0.5
+            walk = (vectors[:, 2:] / values[2:]) @ vectors[:, 2:].T
+            # half of the variance is a straight line, which has no second differences
+            prior = walk / np.trace(walk) + np.outer(line, line) / (line @ line)
         else:
             apart = step * np.abs(np.subtract.outer(np.arange(size), np.arange(size)))
-            without = np.eye(size) - plain @ plain.T
-            values, vectors = np.linalg.eigh(without @ np.exp(-apart / memory) @ without)
-            unit = np.sqrt(values[_UNPENALIZED:])
-        self._basis = np.column_stack([plain, vectors[:, _UNPENALIZED:]])
+            prior = np.exp(-apart / memory)
+        without_mean = np.eye(size) - 1.0 / size
+        values, vectors = np.linalg.eigh(without_mean @ prior @ without_mean)
+        self._basis = np.column_stack([np.full(size, size**-0.5), vectors[:, _UNPENALIZED:]])
+        unit = np.sqrt(values[_UNPENALIZED:])
         sample = self.at(np.linspace(first, last, 4 * count))[:, _UNPENALIZED:] * unit
         unit /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
-        self.unit = np.concatenate([lengths, unit])
+        self.unit = np.concatenate([[np.sqrt(size)], unit])
 
     def at(self, time: Array) -> Array:
         """Values of the columns at times within the survey."""

@@ -100,6 +100,9 @@ class LeverArm:
     sigma : tuple of float
         Prior standard deviations of the lever arm (forward, starboard, down); 0 for a known axis.
         [m]
+    exact : bool
+        True if the lever arm and the headings have no small errors. Otherwise these are part of
+        the standard deviations of the positions.
 
     Examples
     --------
@@ -110,6 +113,7 @@ class LeverArm:
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    exact: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers."""
