@@ -71,6 +71,16 @@ def test_errors_of_ways_come_back_within_their_sigmas():
     assert estimator().way_errors() == []
 
 
+def test_the_second_estimate_never_has_errors_of_ways():
+    """After measurements and the drift of the errors, their values and variances are still zero."""
+    one = estimator(water=(WAYS, DriftingWater(1e-3)))
+    mission([one], "profile", 5, hours=0.05)
+    line = one._timeline
+    values, sigma = line.ranging.errors.errors(line.state_at(0, 180.0).without)
+    assert values[0] != 0.0 < sigma[0]
+    np.testing.assert_array_equal([values[1:], sigma[1:]], 0.0)
+
+
 def test_each_pair_and_direction_has_its_own_error():
     errors = SlowErrors(DriftingWater(1e-3, 6.0, (100.0,)), WAYS, 3, 5)
     ways = [(k, v) for v in range(3) for k in range(5) if k != v]
