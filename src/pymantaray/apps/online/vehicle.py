@@ -617,7 +617,7 @@ class OnlineEstimator:
                 uncertainty,
                 np.array(content["fixed"]).reshape(-1, 3),
                 _slow_errors(
-                    tuple(one for one in saved if one is not None),
+                    tuple(one for one in saved if one is not None) or None,
                     len(self._vehicles),
                     len(self._vehicles) + len(self._beacons),
                 ),
