@@ -33,7 +33,7 @@ class Roughness:
     seed : int
         Seed of the draws.
     draw : int
-        Number of the draw. Draws are independent.
+        Number of the draw. Draws 0, 1, 2, ... are independent; draw -1 - n is draw n upside down.
 
     Notes
     -----
@@ -71,6 +71,11 @@ class Roughness:
         """Largest elevation. [m]"""
         return MAX_DEVIATIONS * self.height
 
+    @property
+    def side(self) -> float:
+        """Side of the periodic tile. [m]"""
+        return self.length * _POINTS / _POINTS_PER_LENGTH
+
     def with_draw(self, draw: int) -> Self:
         """Return the same roughness with another draw."""
         return replace(self, draw=draw)
@@ -80,7 +85,9 @@ class Roughness:
         """Coefficients of the cubic B-spline through the tile, of unit variance."""
         from scipy.ndimage import spline_filter
 
-        rng = stream(self.seed, self.draw, "surface", "roughness")
+        is_mirrored = self.draw < 0
+        number = -1 - self.draw if is_mirrored else self.draw
+        rng = stream(self.seed, number, "surface", "roughness")
         # wavenumber, in radians per correlation length
         k = 2.0 * np.pi * np.fft.fftfreq(_POINTS, 1.0 / _POINTS_PER_LENGTH)
         along = np.exp(-(k**2) / 8.0)
@@ -88,7 +95,8 @@ class Roughness:
         white = np.fft.rfft2(rng.standard_normal((_POINTS, _POINTS)))
         variance = float(np.sum(along**2)) ** 2 / _POINTS**2
         tile = np.fft.irfft2(white * gain, s=(_POINTS, _POINTS)) / np.sqrt(variance)
-        return np.asarray(spline_filter(tile, order=3, mode="grid-wrap"))
+        coefficients = np.asarray(spline_filter(tile, order=3, mode="grid-wrap"))
+        return -coefficients if is_mirrored else coefficients
 
     def elevation_at(self, north: ArrayLike, east: ArrayLike) -> Array:
         """

@@ -5,6 +5,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.apps.online import Beacon, DriftingWater, OnlineEstimator, StartPose
+from pymantaray.apps.online.slow_errors import SlowErrors
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import State
 
@@ -81,7 +82,7 @@ def test_errors_that_drift_return_to_their_first_sigma(as_stored):
 
 def test_errors_decay_by_the_law_of_a_gauss_markov_process(as_stored):
     """Errors shrink by exp(-h / hours), and covariances return to sigma²."""
-    water = DriftingWater(2e-3, 5.0, (100.0,)).checked()
+    water = SlowErrors(DriftingWater(2e-3, 5.0, (100.0,)), None, 1, 6)
     rng = np.random.default_rng(3)
     members = 1 + water.members
     root = rng.standard_normal((6 * members, 6 * members))

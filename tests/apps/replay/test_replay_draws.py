@@ -1,11 +1,13 @@
 """
-Predictions from draws of rough ice: the same ice in both directions, what is refused, and the
-suggestion to allow reflections.
+Predictions from draws of rough ice: the same ice in both directions, ice that changes by drift and
+time, mirror images, the number of draws that is needed, what is refused, and the suggestion to
+allow reflections.
 """
 
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from arctic import BOTTOM, DEPTH, cast
 from refusals import refused
@@ -13,6 +15,8 @@ from refusals import refused
 from pymantaray import Water
 from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.apps.replay import Events, PredictionOptions, replay_events
+from pymantaray.apps.replay.draws import draw_groups, draws_sentence, needed_draws
+from pymantaray.apps.replay.shared_links import ice_stretches
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.sensing import ReceptionOptions
@@ -56,6 +60,121 @@ def test_candidates_of_draws_are_the_same_in_both_directions(as_stored):
     assert {"coverage", "candidates"} <= set(replay.tables)
     assert replay.tables["candidates"].frame["event"].min() == 1
     as_stored([replay.events, replay.candidates, replay.more])
+
+
+def drifting(times, north, *, geographic=True):
+    """Events from A to B at some times, both moved north. [s, m]"""
+    moved = np.array([[x / (111_600.0 if geographic else 1.0), 0.0, 0.0] for x in north])
+    ends = ENDS if geographic else np.array([[0.0, 0.0, 90.0], [1506.0, 0.0, 90.0]])
+    return Events(
+        time=times,
+        source=["A"] * len(times),
+        receiver=["B"] * len(times),
+        source_position=ends[0] + moved,
+        receiver_position=ends[1] + moved,
+        travel_time=[1.05] * len(times),
+        geographic=geographic,
+    )
+
+
+def candidates_of(events, **options):
+    """Times, losses and reflections of the candidates of each event."""
+    table = replay_events(events, water(), "persist", **options).candidates
+    columns = ["travel_time_s", "loss_db", "surface_bounces"]
+    return [table.loc[table["event"] == k, columns].to_numpy() for k in range(events.time.size)]
+
+
+@pytest.mark.parametrize("geographic", [True, False])
+def test_ice_changes_with_a_drift_by_its_length_and_with_an_hour(geographic):
+    """The first three events share ice; drifts and an hour change reflections alone."""
+    times, north = [0.0, 60.0, 1800.0, 120.0, 3700.0], [2.0, 5.0, 3.0, 31.0, 2.0]
+    same, also, later, moved, next_hour = candidates_of(
+        drifting(times, north, geographic=geographic)
+    )
+    np.testing.assert_allclose(also, same, rtol=1e-7)
+    np.testing.assert_allclose(later, same, rtol=1e-7)
+    direct = same[same[:, 2] == 0]
+    for other in (moved, next_hour):
+        np.testing.assert_allclose(other[other[:, 2] == 0], direct, rtol=1e-6)
+        assert other.shape != same.shape or np.abs(other - same)[:, 0].max() > 2e-6
+
+
+def test_ice_of_an_hour_lies_over_ground_for_all_pairs():
+    """The distance of nodes on the tile is that over ground; a full hour moves all by the same."""
+    ice = Roughness(0.01, 20.0)
+    events = drifting([0.0, 10.0, 20.0, 3600.0], [0.0, 45.0, 47.0, 45.0], geographic=False)
+    rows = np.arange(4)
+    stretch, place = ice_stretches(events, rows, 0 * rows, events.source_position, ice)
+    assert stretch.tolist() == [0, 1, 1, 2]
+    np.testing.assert_allclose(place[1] - place[0], [46.0, 0.0])
+    np.testing.assert_allclose(place[1], place[2])
+    shift = np.mod(place[3] - place[1] + [1.0, 0.0], ice.side) / ice.length
+    assert 10.0 < shift.min() < shift.max() < ice.side / ice.length - 10.0
+    _, other_pair = ice_stretches(events, rows, 0 * rows + 7, events.source_position, ice)
+    np.testing.assert_array_equal(other_pair, place)
+
+
+def test_candidates_depend_neither_on_the_order_nor_on_threads():
+    times, north = [0.0, 900.0, 4000.0, 4100.0], [0.0, 50.0, 7.0, 8.0]
+    events, turned = drifting(times, north), drifting(times[::-1], north[::-1])
+    one, other = candidates_of(events), candidates_of(turned)
+    single = water()
+    single = replace(single, reception=single.reception._replace(threads=1))
+    alone = replay_events(events, single, "persist").candidates["travel_time_s"]
+    for first, second in zip(one, other[::-1], strict=True):
+        np.testing.assert_allclose(second, first, rtol=1e-12)
+    np.testing.assert_array_equal(alone, np.concatenate(one)[:, 0])
+
+
+def test_a_draw_and_its_mirror_image_cancel_to_first_order():
+    """Under ice that is almost smooth, times of one draw err 10 times as much as those of both."""
+    nearly, events = water(slope=0.002, bounces=1), both_ways()
+    truth = replay_events(events, water(0.0, 1), "persist").candidates["travel_time_s"]
+    errors = []
+    for draws in (1, 2):
+        options = PredictionOptions(draws)
+        table = replay_events(events, nearly, "persist", options=options).candidates
+        errors.append(np.abs(table["travel_time_s"] - truth).max())
+    assert errors[0] > 10.0 * errors[1]
+    rough = Roughness(0.01, 20.0, draw=3)
+    upside_down = rough.with_draw(-4).elevation_at([0.0, 30.0], [5.0, 70.0])
+    np.testing.assert_array_equal(upside_down, -rough.elevation_at([0.0, 30.0], [5.0, 70.0]))
+
+
+def scattered(rng, draws, bias, scatter):
+    """Medians of 1 m of all draws and of their groups, by a law of bias and scatter per draw."""
+    everything, *groups = draw_groups(draws)
+    each = rng.normal(0.0, scatter, draws)
+
+    def table(members):
+        values = [1.0 + bias / m.size + each[m].mean() for m in members]
+        return pd.DataFrame({"draws": [m.size for m in members], "median_size_m": values})
+
+    return table([everything]), table(groups)
+
+
+@pytest.mark.parametrize(
+    ("bias", "scatter", "within"), [(0.0, 0.4, 0.25), (1.5, 1e-4, 0.05), (0.6, 0.3, 0.25)]
+)
+def test_the_needed_number_of_draws_is_that_of_the_law(bias, scatter, within):
+    """An error of 5 %, by its mean square: scatter² / n + (bias / n)² = 0.05²."""
+    rng = np.random.default_rng(4)
+    rows = [needed_draws(*scattered(rng, 48, bias, scatter)).iloc[0] for _ in range(400)]
+    table = pd.DataFrame(rows)
+    n = np.roots([0.05**2, -(scatter**2), -(bias**2)]).max()
+    assert table["needed"].mean() == pytest.approx(n, rel=within)
+    error = np.sqrt(np.mean(table["needed_standard_error"] ** 2))
+    assert error == pytest.approx(table["needed"].std(), rel=0.5, abs=0.3)
+    measured = np.sqrt(np.mean(table["standard_error"] ** 2))
+    assert measured == pytest.approx(scatter / np.sqrt(48), rel=0.1)
+
+
+def test_without_predictions_no_number_of_draws_is_given():
+    all_draws, groups = scattered(np.random.default_rng(1), 12, 0.1, 0.1)
+    assert "an error of 5 % needs" in draws_sentence(needed_draws(all_draws, groups))
+    lost = needed_draws(all_draws, groups.replace(groups.iloc[0, 1], np.inf))
+    assert np.isnan(lost["needed"][0])
+    assert "so no number of draws is given" in draws_sentence(lost)
 
 
 def test_draws_of_smooth_ice_are_refused():

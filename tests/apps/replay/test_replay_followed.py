@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 
 from pymantaray.apps.replay.baselines import baseline_table, horizon_table, last_measured
-from pymantaray.apps.replay.event_data import CLUTTER, Components
+from pymantaray.apps.replay.event_data import Components
 from pymantaray.apps.replay.followed import SAME, follow
+from pymantaray.estimation.filters.gauss_markov import CLUTTER
 
 NOISE = 1e-4  # s
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
         DriftingWater as DriftingWater,
         SoundSpeedBias as SoundSpeedBias,
     )
+    from pymantaray.apps.online.slow_errors import LearnedWays as LearnedWays, WayError as WayError
     from pymantaray.apps.online.timeline import Outcome as Outcome
     from pymantaray.apps.online.vehicle import (
         Beacon as Beacon,

@@ -7,13 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
-from pymantaray.estimation.filters.error_state import SIZE, State
-from pymantaray.estimation.filters.gauss_markov import relax as relax_covariance
 from pymantaray.quantities.checks import check_magnitudes, check_number, checked_array, is_number
-
-_AXES = 3  # errors that one member of the state holds, in place of a position
 
 
 class SoundSpeedBias(NamedTuple):
@@ -90,28 +85,6 @@ class DriftingWater(NamedTuple):
         limits = [-np.inf, *self.depths, np.inf]
         return list(pairwise(limits))
 
-    @property
-    def members(self) -> int:
-        """Number of members of the state that hold the errors."""
-        return -(-len(self.pairs) // _AXES)
-
-    def columns_of(self, members: int) -> Array:
-        """
-        Columns of the errors in a state.
-
-        Parameters
-        ----------
-        members : int
-            Number of members of the state.
-
-        Returns
-        -------
-        ndarray, shape (n_pairs,)
-        """
-        first = members - self.members
-        number = np.arange(len(self.pairs))
-        return np.asarray(SIZE * (first + number // _AXES) + _AXES + number % _AXES)
-
     def number_of(self, depth: float, other: float) -> int:
         """
         Number of the pair of bands of two depths.
@@ -127,52 +100,6 @@ class DriftingWater(NamedTuple):
         """
         low, high = sorted(int(band) for band in np.searchsorted(self.depths, (depth, other)))
         return self.pairs.index((low, high))
-
-    def relax(self, state: State, elapsed: float) -> State:
-        """
-        State after a time in which the errors drift.
-
-        Parameters
-        ----------
-        state : State
-            State before.
-        elapsed : float
-            [s]
-
-        Returns
-        -------
-        State
-        """
-        members = len(state.position)
-        columns = self.columns_of(members)
-        share = float(np.exp(-elapsed / (3600.0 * self.hours)))
-        keep = np.ones(SIZE * members)
-        keep[columns] = share
-        stationary = np.zeros(keep.size)
-        stationary[columns] = self.sigma**2
-        position = state.position.copy()
-        position[members - self.members :] *= share
-        covariance = state.covariance.copy()
-        relax_covariance(covariance, keep, stationary)
-        return State(state.rotation, position, covariance)
-
-    def errors(self, state: State) -> tuple[Array, Array]:
-        """
-        Relative error of each pair of bands.
-
-        Parameters
-        ----------
-        state : State
-            State whose last members hold the errors.
-
-        Returns
-        -------
-        values, sigma : ndarray, shape (n_pairs,)
-            Errors and their standard deviations. [-]
-        """
-        columns = self.columns_of(len(state.position))
-        values = state.position[-self.members :].reshape(-1)[: columns.size]
-        return values.copy(), np.sqrt(np.maximum(np.diag(state.covariance)[columns], 0.0))
 
 
 def saved_water(content: Any) -> DriftingWater | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pymantaray.apps.online.drifting_water import saved_water
+from pymantaray.apps.online.slow_errors import SlowErrors, saved_ways
 from pymantaray.apps.online.timeline import Kind, Outcome
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
@@ -20,7 +21,7 @@ from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text
 
 KIND = "pymantaray online state"
-FORMAT = 3
+FORMAT = 4
 _ROUNDING = 1e-9
 
 _N_VALUES = {Kind.ODOMETRY: 12, Kind.DEPTH: 2, Kind.FIX: 6, Kind.RANGE: 3}
@@ -90,24 +91,19 @@ def _fault(content: dict[str, Any]) -> str:
     base = content["base"]
     fixed = _numbers(content["fixed"]).reshape(-1, 3)
     n = len(vehicles)
-    water = saved_water(content["water"])
-    size = len(names) - len(fixed) + (0 if water is None else water.members)
-    shapes = {
-        "rotation": (size, 3, 3),
-        "position": (size, 3),
-        "covariance": (SIZE * size, SIZE * size),
-        "time": (n,),
-        "begin": (n,),
-        "water_time": (),
-    }
-    for name, shape in shapes.items():
-        values = _numbers(base[name])
-        if values.shape != shape or not np.isfinite(values).all():
-            return f"base.{name} is not a finite array of shape {shape}"
+    errors = SlowErrors(saved_water(content["water"]), saved_ways(content["ways"]), n, len(names))
+    size = len(names) - len(fixed) + errors.members
+    others = {"time": (n,), "begin": (n,), "errors_time": (), "no_error": ()}
+    if fault := _shape_fault("base", base, others) or _state_fault("base", base, size):
+        return fault
+    if (content["without"] is None) != (errors.ways is None):
+        return "without is not the estimate without errors of ways"
+    if errors.ways is not None and (fault := _state_fault("without", content["without"], size)):
+        return fault
+    if not 0.0 <= base["no_error"] <= 1.0:
+        return f"base.no_error is {base['no_error']!r}"
     if not (np.abs(fixed) <= LARGEST).all():
         return f"fixed is not finite, or beyond {LARGEST:g} m"
-    if fault := _base_fault(base):
-        return fault
     for name in ("lag", "longest_step", "horizon", "gate"):
         value = content[name]
         if value is None and name == "gate":
@@ -135,21 +131,35 @@ def _numbers(values: Any) -> Array:
     return array.astype(float)
 
 
-def _base_fault(base: dict[str, Any]) -> str:
-    """Fault of the numbers of a base of the right shape; empty without one."""
-    rotation, position, covariance = (
-        _numbers(base[name]) for name in ("rotation", "position", "covariance")
-    )
+def _shape_fault(what: str, content: dict[str, Any], shapes: dict[str, tuple[int, ...]]) -> str:
+    """First array that is not finite or has another shape; empty without one."""
+    for name, shape in shapes.items():
+        values = _numbers(content[name])
+        if values.shape != shape or not np.isfinite(values).all():
+            return f"{what}.{name} is not a finite array of shape {shape}"
+    return ""
+
+
+def _state_fault(what: str, content: dict[str, Any], size: int) -> str:
+    """Fault of a saved state of a number of members; empty without one."""
+    shapes: dict[str, tuple[int, ...]] = {
+        "rotation": (size, 3, 3),
+        "position": (size, 3),
+        "covariance": (SIZE * size, SIZE * size),
+    }
+    if fault := _shape_fault(what, content, shapes):
+        return fault
+    rotation, position, covariance = (_numbers(content[name]) for name in shapes)
     is_small = (np.abs(rotation) <= 1.0 + _ROUNDING).all()
     if not is_small or not np.allclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3)):
-        return "base.rotation is no rotation"
+        return f"{what}.rotation is no rotation"
     if not (np.abs(position) <= LARGEST).all():
-        return f"base.position is beyond {LARGEST:g} m"
+        return f"{what}.position is beyond {LARGEST:g} m"
     if not (np.abs(covariance) <= LARGEST**2).all():
-        return "base.covariance is too large"
+        return f"{what}.covariance is too large"
     values = np.linalg.eigvalsh(covariance + covariance.T)
     if values.min(initial=0.0) < -_ROUNDING * max(float(values.max(initial=0.0)), 1e-300):
-        return "base.covariance is not positive semidefinite"
+        return f"{what}.covariance is not positive semidefinite"
     return ""
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, insort
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pymantaray.apps.online.drifting_water import DriftingWater
+from pymantaray.apps.online.slow_errors import SlowErrors
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import (
@@ -22,11 +22,14 @@ from pymantaray.estimation.filters.error_state import (
     Innovation,
     Motion,
     State,
+    average_states,
     exceeds,
+    log_likelihood,
     predict,
     range_innovation,
     update,
 )
+from pymantaray.estimation.filters.gauss_markov import CLUTTER, CLUTTER_WIDTH, average_models
 from pymantaray.estimation.ranges.range_models import (
     RangeEndpoints,
     RangeModel,
@@ -79,12 +82,28 @@ class FleetState(NamedTuple):
     """
     Estimate of all vehicles and of beacons with unknown positions; each vehicle has the time up to
     which its odometry was applied.
+
+    If errors of ways are learned, there is a second estimate without such errors.
     """
 
     estimate: State
     time: tuple[float, ...]  # of each vehicle [s]
     begin: tuple[float, ...]  # end of the last complete step of each vehicle [s]
-    water_time: float = 0.0  # of the errors of the water [s]
+    errors_time: float = 0.0  # of the errors of water and ways [s]
+    without: State | None = None
+    no_error: float = 0.95  # probability of the second estimate, which is right in right water
+
+    def changed(self, change: Callable[[State], State], **more: Any) -> FleetState:
+        """Both estimates after a change, and other fields."""
+        without = None if self.without is None else change(self.without)
+        return self._replace(estimate=change(self.estimate), without=without, **more)
+
+    @property
+    def average(self) -> State:
+        """Mean and covariance of both estimates by their probabilities."""
+        if self.without is None:
+            return self.estimate
+        return average_states(self.estimate, self.without, 1.0 - self.no_error)
 
 
 class Step(NamedTuple):
@@ -112,8 +131,8 @@ def advance(state: FleetState, vehicle: int, step: Step, time: float) -> FleetSt
         part = (time - now) / (step.time - begin)
         rotation, translation = se3_exp(part * se3_log(motion.rotation, motion.translation))
         motion = Motion(rotation, translation, part * motion.covariance)
-    return state._replace(
-        estimate=predict(state.estimate, slice(vehicle, vehicle + 1), motion),
+    return state.changed(
+        lambda estimate: predict(estimate, slice(vehicle, vehicle + 1), motion),
         time=_with(state.time, vehicle, time),
         begin=_with(state.begin, vehicle, time) if time == step.time else state.begin,
     )
@@ -122,13 +141,13 @@ def advance(state: FleetState, vehicle: int, step: Step, time: float) -> FleetSt
 class RangePrediction(NamedTuple):
     """
     Range model, its uncertainty if it has one, the beacons with exactly known positions (n, 3), and
-    the errors of the water if they are estimated.
+    errors of the water or of ways if they are estimated.
     """
 
     model: RangeModel
     uncertainty: TravelTimeUncertainty | None
     fixed: Array
-    water: DriftingWater | None = None
+    errors: SlowErrors | None = None
 
 
 def innovation_of(state: State, event: Event, ranging: RangePrediction) -> Innovation | None:
@@ -144,8 +163,8 @@ def innovation_of(state: State, event: Event, ranging: RangePrediction) -> Innov
 
 def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation | None:
     travel_time, sigma, sound_speed = event.values
-    water = ranging.water
-    n = len(state.position) - (0 if water is None else water.members)
+    errors = ranging.errors
+    n = len(state.position) - (0 if errors is None else errors.members)
     transmitter, receiver = (
         state.position[k : k + 1] if k < n else ranging.fixed[k - n : k - n + 1]
         for k in event.members
@@ -167,11 +186,14 @@ def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation |
         variance,
         n_fixed=len(ranging.fixed),
     )
-    if water is None:
+    if errors is None:
         return innovation
-    number = water.number_of(float(transmitter[0, 2]), float(receiver[0, 2]))
-    error = water.errors(state)[0][number]
-    innovation.by_errors[:, water.columns_of(len(state.position))[number]] = -prediction.travel_time
+    depths = float(transmitter[0, 2]), float(receiver[0, 2])
+    numbers = errors.numbers_of(event.members, depths)
+    error = errors.errors(state)[0][numbers].sum()
+    innovation.by_errors[
+        :, errors.columns_of(len(state.position))[numbers]
+    ] = -prediction.travel_time
     return innovation._replace(residual=innovation.residual - prediction.travel_time * error)
 
 
@@ -181,20 +203,48 @@ def apply(
     """
     Update by a measurement, unless it is a range whose innovation exceeds the gate, in standard
     deviations.
+
+    The outcome is that of the more probable estimate.
     """
-    if event.kind == Kind.RANGE and ranging.water is not None:
-        elapsed = event.time - state.water_time
-        estimate = ranging.water.relax(state.estimate, elapsed)
-        state = state._replace(estimate=estimate, water_time=event.time)
-    innovation = innovation_of(state.estimate, event, ranging)
+    errors = ranging.errors
+    if event.kind == Kind.RANGE and errors is not None:
+        elapsed = event.time - state.errors_time
+        state = state.changed(lambda one: errors.relax(one, elapsed), errors_time=event.time)
+    estimate, outcome, fit = _updated(state.estimate, event, ranging, gate)
+    if state.without is None:
+        return state._replace(estimate=estimate), outcome
+    without, other_outcome, other_fit = _updated(state.without, event, ranging, gate)
+    no_error = state.no_error
+    if event.kind != Kind.DEPTH:  # both estimates have the same depths
+        _, no_error = average_models(fit, other_fit, no_error)
+    return state._replace(estimate=estimate, without=without, no_error=no_error), (
+        outcome if no_error < 0.5 else other_outcome
+    )
+
+
+def _updated(
+    state: State, event: Event, ranging: RangePrediction, gate: float
+) -> tuple[State, Outcome, float]:
+    """
+    State after a measurement, outcome, and log likelihood, by which estimates are compared.
+
+    A share of all ranges has any time.
+    """
+    is_range = event.kind == Kind.RANGE
+    floor = math.log(CLUTTER / CLUTTER_WIDTH)
+    innovation = innovation_of(state, event, ranging)
     if innovation is None:
-        return state, Outcome.NO_ARRIVAL
-    if event.kind == Kind.RANGE and exceeds(state.estimate, innovation, gate):
-        return state, Outcome.GATED
-    updated = update(state.estimate, innovation)
+        return state, Outcome.NO_ARRIVAL, floor
+    fit = log_likelihood(state, innovation)
+    if is_range:
+        density = (1.0 - CLUTTER) / math.sqrt(2.0 * math.pi)
+        fit = float(np.logaddexp(math.log(density) + fit, floor))
+    if is_range and exceeds(state, innovation, gate):
+        return state, Outcome.GATED, fit
+    updated = update(state, innovation)
     if updated is None:
-        return state, Outcome.FAILED
-    return state._replace(estimate=updated.state), Outcome.USED
+        return state, Outcome.FAILED, fit
+    return updated.state, Outcome.USED, fit
 
 
 def _with(values: tuple[float, ...], at: int, value: float) -> tuple[float, ...]:
@@ -304,7 +354,7 @@ class Timeline:
         for event, state in zip(self.events, self._states, strict=True):
             if event.kind != Kind.RANGE:
                 continue
-            innovation = innovation_of(state.estimate, event, self.ranging)
+            innovation = innovation_of(state.average, event, self.ranging)
             if innovation is not None:
                 sigma = math.sqrt(float(innovation.variance[0, 0]))
                 rows.append((float(innovation.residual[0]), event.values[0], sigma))

@@ -18,6 +18,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.online.drifting_water import DriftingWater, SoundSpeedBias, saved_water
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
+from pymantaray.apps.online.slow_errors import LearnedWays, SlowErrors, WayError, saved_ways
 from pymantaray.apps.online.timeline import (
     Event,
     FleetState,
@@ -37,6 +38,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 from pymantaray.quantities.checks import check_number, checked_array, is_number
 
 Ranges = TravelTimeTable | Medium | RangeModel | float
+Water = DriftingWater | LearnedWays | tuple[DriftingWater | LearnedWays, ...] | None
 
 
 _MIN_RANGES = 3  # that are judged
@@ -150,9 +152,10 @@ class OnlineEstimator:
     gate : float
         A range whose innovation exceeds this number of standard deviations is not used; ``inf``
         uses all ranges.
-    water : DriftingWater, optional
-        Relative errors of the sound speed of the range model, which are estimated too. By default
-        the model has none.
+    water : DriftingWater, LearnedWays or tuple of both, optional
+        Relative errors of the predicted travel times, which are estimated too: of the sound speed
+        by depth (`DriftingWater`), of each way (`LearnedWays`), or a tuple of both. By default
+        there are none.
 
     Raises
     ------
@@ -182,7 +185,7 @@ class OnlineEstimator:
         lag: float = 60.0,
         longest_step: float = 600.0,
         gate: float = 4.0,
-        water: DriftingWater | None = None,
+        water: Water = None,
     ) -> None:
         fleet = {"vehicle": vehicles} if isinstance(vehicles, StartPose) else dict(vehicles)
         if not fleet:
@@ -205,12 +208,12 @@ class OnlineEstimator:
         fixed = [name for name in beacons if name not in unknown]
         positions = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
         model, uncertainty = range_model_of(ranges)
-        water = None if water is None else water.checked()
         self._vehicles = list(fleet)
         self._beacons = unknown + fixed
+        errors = _slow_errors(water, len(fleet), len(fleet) + len(beacons))
         self._timeline = Timeline(
-            _start_state(fleet, {name: beacons[name] for name in unknown}, float(start), water),
-            RangePrediction(model, uncertainty, np.array(positions).reshape(-1, 3), water),
+            _start_state(fleet, {name: beacons[name] for name in unknown}, float(start), errors),
+            RangePrediction(model, uncertainty, np.array(positions).reshape(-1, 3), errors),
             lag=float(lag),
             gate=float(gate),
             horizon=float(start),
@@ -463,16 +466,40 @@ class OnlineEstimator:
         list of SoundSpeedBias
             One for each pair of depth bands; empty if the estimator has no `DriftingWater`.
         """
-        water = self._timeline.ranging.water
+        errors = self._timeline.ranging.errors
+        water = None if errors is None else errors.water
         if water is None:
             return []
-        _, at, state = self._state(time, self._vehicles[0])
-        elapsed = at - self._timeline.state_at(0, at).water_time
-        values = water.errors(water.relax(state, max(elapsed, 0.0)))
         bands = water.bands
         return [
-            SoundSpeedBias(bands[a], bands[b], float(value), float(sigma))
-            for (a, b), value, sigma in zip(water.pairs, *values, strict=True)
+            SoundSpeedBias(bands[a], bands[b], *error)
+            for (a, b), error in zip(water.pairs, self._errors(time), strict=False)
+        ]
+
+    def way_errors(self, time: float | None = None) -> list[WayError]:
+        """
+        Return the relative errors of the predicted travel times of each way.
+
+        Parameters
+        ----------
+        time : float, optional
+            As in `pose`, for the first vehicle. [s]
+
+        Returns
+        -------
+        list of WayError
+            One for each source and vehicle; empty if the estimator has no `LearnedWays`.
+        """
+        errors = self._timeline.ranging.errors
+        if errors is None or errors.ways is None:
+            return []
+        all_errors = self._errors(time)
+        names = self._vehicles + self._beacons
+        return [
+            WayError(source, vehicle, *all_errors[errors.way(k, v)])
+            for v, vehicle in enumerate(self._vehicles)
+            for k, source in enumerate(names)
+            if k != v
         ]
 
     def counts(self) -> dict[str, int]:
@@ -514,9 +541,13 @@ class OnlineEstimator:
         base = line.base.estimate._asdict() | {
             "time": line.base.time,
             "begin": line.base.begin,
-            "water_time": line.base.water_time,
+            "errors_time": line.base.errors_time,
+            "no_error": line.base.no_error,
         }
-        water = line.ranging.water
+        without = line.base.without
+        errors = line.ranging.errors
+        water = None if errors is None else errors.water
+        ways = None if errors is None else errors.ways
         content = {
             "vehicles": self._vehicles,
             "beacons": self._beacons,
@@ -527,7 +558,9 @@ class OnlineEstimator:
             "horizon": line.horizon,
             "fixed": line.ranging.fixed.tolist(),
             "water": None if water is None else [water.sigma, water.hours, list(water.depths)],
-            "base": {name: np.asarray(value).tolist() for name, value in base.items()},
+            "ways": None if ways is None else list(ways),
+            "base": _lists(base),
+            "without": None if without is None else _lists(without._asdict()),
             "events": line.events,
             "waiting": line.waiting,
             "total": {outcome.name: n for outcome, n in line.total.items()},
@@ -564,21 +597,30 @@ class OnlineEstimator:
                 f"{path}: saved with the range model {content['model']}; found"
                 f" {type(model).__name__}"
             )
-        base = content["base"]
-        estimate = State(**{name: np.array(base[name]) for name in State._fields})
+        base, without = content["base"], content["without"]
+        saved = saved_water(content["water"]), saved_ways(content["ways"])
         self = cls.__new__(cls)
         self._vehicles = content["vehicles"]
         self._beacons = content["beacons"]
         self._longest_step = float(content["longest_step"])
         self._timeline = Timeline(
             FleetState(
-                estimate, tuple(base["time"]), tuple(base["begin"]), float(base["water_time"])
+                _state_of(base),
+                tuple(base["time"]),
+                tuple(base["begin"]),
+                float(base["errors_time"]),
+                None if without is None else _state_of(without),
+                float(base["no_error"]),
             ),
             RangePrediction(
                 model,
                 uncertainty,
                 np.array(content["fixed"]).reshape(-1, 3),
-                saved_water(content["water"]),
+                _slow_errors(
+                    tuple(one for one in saved if one is not None) or None,
+                    len(self._vehicles),
+                    len(self._vehicles) + len(self._beacons),
+                ),
             ),
             lag=content["lag"],
             gate=math.inf if content["gate"] is None else content["gate"],
@@ -627,7 +669,19 @@ class OnlineEstimator:
                 f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask"
                 f" earlier or choose a longer lag than {self._timeline.lag:g} s"
             )
-        return who, at, self._timeline.state_at(who, at).estimate
+        return who, at, self._timeline.state_at(who, at).average
+
+    def _errors(self, time: float | None) -> list[tuple[float, float]]:
+        """Errors of the water and of the ways with their standard deviations."""
+        errors = self._timeline.ranging.errors
+        if errors is None:
+            return []
+        _, at, _ = self._state(time, self._vehicles[0])
+        state = self._timeline.state_at(0, at)
+        elapsed = max(at - state.errors_time, 0.0)
+        later = state.changed(lambda one: errors.relax(one, elapsed))
+        values, sigma = errors.errors(later.average)
+        return list(zip(values.tolist(), sigma.tolist(), strict=True))
 
     def _vehicle(self, name: str | None) -> int:
         if name is None and len(self._vehicles) == 1:
@@ -642,11 +696,11 @@ def _start_state(
     fleet: Mapping[str, StartPose],
     unknown: Mapping[str, Beacon],
     start: float,
-    water: DriftingWater | None,
+    errors: SlowErrors | None,
 ) -> FleetState:
     """
     State of the vehicles at their start poses, of the beacons with unknown positions, and of the
-    errors of the water.
+    errors of the water and of ways.
     """
     n = len(fleet)
     rotation = np.empty((n, 3, 3))
@@ -662,9 +716,9 @@ def _start_state(
         covariance[k] = np.diag(_sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2)
     beacons = [_sized(f"beacon {name}", one.position, (3,)) for name, one in unknown.items()]
     variance = np.array([one.sigma**2 for one in unknown.values()])
-    if water is not None:
-        beacons += [np.zeros(3)] * water.members
-        variance = np.append(variance, np.full(water.members, water.sigma**2))
+    if errors is not None:
+        beacons += [np.zeros(3)] * errors.members
+        variance = np.append(variance, np.zeros(errors.members))
     estimate = State.at_start(
         rotation,
         position,
@@ -672,7 +726,33 @@ def _start_state(
         np.array(beacons).reshape(-1, 3),
         variance[:, None, None] * np.eye(3),
     )
-    return FleetState(estimate, (start,) * n, (start,) * n, start)
+    if errors is None:
+        return FleetState(estimate, (start,) * n, (start,) * n, start)
+    columns = errors.columns_of(len(estimate.position))
+    estimate.covariance[columns, columns] = errors.processes.sigma**2
+    without = None if errors.ways is None else errors.without_ways(estimate)
+    return FleetState(estimate, (start,) * n, (start,) * n, start, without)
+
+
+def _slow_errors(water: Water, vehicles: int, nodes: int) -> SlowErrors | None:
+    """Errors that are estimated; None without any."""
+    if water is None:
+        return None
+    is_one = isinstance(water, DriftingWater | LearnedWays) or not isinstance(water, tuple)
+    options = (water,) if is_one else water
+    bands = [one.checked() for one in options if isinstance(one, DriftingWater)]
+    ways = [one.checked() for one in options if isinstance(one, LearnedWays)]
+    if not options or max(len(bands), len(ways)) > 1 or len(bands) + len(ways) < len(options):
+        raise OnlineError(f"water: {water}; allowed are a DriftingWater, a LearnedWays, or both")
+    return SlowErrors(next(iter(bands), None), next(iter(ways), None), vehicles, nodes)
+
+
+def _lists(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.asarray(value).tolist() for name, value in values.items()}
+
+
+def _state_of(content: Mapping[str, Any]) -> State:
+    return State(**{name: np.array(content[name]) for name in State._fields})
 
 
 def _events(rows: Sequence[Any]) -> list[Event]:

@@ -23,6 +23,7 @@ from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
     draw_groups,
+    needed_draws,
     predict_draws,
     with_median_candidate,
 )
@@ -69,8 +70,11 @@ CAPTIONS = {
     "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
     " nothing else explains; odd hours test it. Sizes count events without a prediction as"
     " infinite",
-    "draws": "Residuals of all events by groups of draws, without learning; they show the spread"
-    " over draws",
+    "draws": "Residuals of all events by independent groups of draws, without learning; they show"
+    " the spread over draws",
+    "draws_needed": "Quantiles of the sizes by all draws, without learning, their standard errors"
+    " and biases due to the number of draws, and the number for which both together are 5 % of the"
+    " value",
     "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
     " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
@@ -361,19 +365,14 @@ def replay_events(
         else:
             parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
-    (table, all_candidates), *of_groups = (
-        _joined(events, predictions) for predictions in zip(*parts, strict=True)
-    )
+    of_draws = [_joined(events, predictions) for predictions in zip(*parts, strict=True)]
+    table, all_candidates = of_draws[0]
     more: dict[str, pd.DataFrame] = {}
     if has_mixture:
         detector = waters[0].reception.detector
         table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)
-        scored = [
-            _with_mixture(*group, rule, replace(options, learn=None), detector)[0]
-            for group in of_groups
-        ]
-        if scored:
-            more["draws"] = _draws_table(scored, options.draws)
+        if len(of_draws) > 1:
+            more |= _draw_tables(of_draws, rule, replace(options, learn=None), detector)
     table = _with_residuals(table)
     if has_mixture:
         more = {"coverage": coverage_table(table, seed=seed), **more}
@@ -431,17 +430,27 @@ def _with_residuals(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _draws_table(scored: Sequence[pd.DataFrame], draws: int) -> pd.DataFrame:
-    """Residuals of all events by each group of draws alone."""
+def _draw_tables(
+    of_draws: Sequence[tuple[pd.DataFrame, pd.DataFrame]],
+    rule: DetectionRule,
+    options: PredictionOptions,
+    detector: Detector | None,
+) -> dict[str, pd.DataFrame]:
+    """Residuals of all events by each group of draws alone, and the number of draws needed."""
+    scored = [_with_mixture(*one, rule, options, detector)[0] for one in of_draws]
     sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
-            "group": np.arange(1, len(scored) + 1),
-            "draws": [members.size for members in draw_groups(draws)[1:]],
+            "draws": [members.size for members in draw_groups(options.draws)],
             "median_size_m": [quantile_of(size.to_numpy(), 0.5) for size in sizes],
             "q90_size_m": [quantile_of(size.to_numpy(), 0.9) for size in sizes],
         }
     )
+    groups = table[1:].reset_index(drop=True)
+    return {
+        "draws": groups.assign(group=groups.index + 1),
+        "draws_needed": needed_draws(table[:1], groups),
+    }
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:

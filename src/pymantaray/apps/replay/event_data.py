@@ -17,10 +17,6 @@ from pymantaray.estimation.ranges.picks import persist, stay_probability
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
 HOUR = 3600.0
-CLUTTER = 0.02
-"""Share of receptions that no candidate explains."""
-CLUTTER_WIDTH = 0.1
-"""Width of the distribution of their times. [s]"""
 # s; candidates of successive events are the same arrival if their delays differ by about this
 _MATCH = 1e-3
 _OTHER_BOUNCES = 0.1  # weight of a match with other bounces

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, Components
-from pymantaray.apps.replay.learning import average_models
+from pymantaray.apps.replay.event_data import Components
 from pymantaray.arrays import Array, Indices
+from pymantaray.estimation.filters.gauss_markov import CLUTTER, CLUTTER_WIDTH, average_models
 
 SAME = 1e-3
 """Receptions of one arrival differ by less than this, apart from the distance. [s]"""

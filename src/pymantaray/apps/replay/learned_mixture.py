@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.apps.replay.baselines import horizon_of, last_measured
-from pymantaray.apps.replay.event_data import CLUTTER, HOUR, Components
+from pymantaray.apps.replay.event_data import HOUR, Components
 from pymantaray.apps.replay.followed import Followed, follow
 from pymantaray.apps.replay.learning import (
     PARTS,
@@ -31,6 +31,7 @@ from pymantaray.apps.replay.mixture import (
 )
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.arrays import Array, Indices
+from pymantaray.estimation.filters.gauss_markov import CLUTTER
 
 _ROUNDS = 50  # of the shares of passes
 _MIN_EVENTS = 40  # with a similar time since the last one, for shares of their own

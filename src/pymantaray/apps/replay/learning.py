@@ -10,22 +10,24 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.apps.replay.draws import GRADIENT
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, ArrivalTracks, EventData
+from pymantaray.apps.replay.event_data import HOUR, ArrivalTracks, EventData
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import pairs_of_depths
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.filters.gauss_markov import (
+    CLUTTER,
+    CLUTTER_WIDTH,
     Alternatives,
     Estimate,
     GaussMarkovFilter,
     Processes,
+    average_models,
     fuse,
 )
 
 _MEMORY = 24.0 * 3600.0  # s; of the arrivals of a pair
 _FIRST_FIT = 32  # events before the first estimate of the sizes; each of the next doubles them
 _MAX_FIT = 1000  # events of an estimate of the sizes, the latest
-_CHANGE = 1e-3  # probability per event that errors begin or end
 _STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
 _SHARED = np.sqrt(0.5)  # half of the variance of the water is common to all pairs of depths
 _SOUND_SPEED = 1450.0  # m/s, for sizes only
@@ -374,18 +376,6 @@ def _averaged_parts(
     variance = float(values @ estimate.covariance[np.ix_(columns, columns)] @ values)
     total = max(variance, 0.0) + no_error * terms.sum() ** 2
     return np.asarray((1.0 - no_error) * terms), float(np.sqrt((1.0 - no_error) * total))
-
-
-def average_models(with_errors: float, without: float, no_error: float) -> tuple[float, float]:
-    """
-    Log likelihood of a measurement by two models, and the probability of the second after it.
-
-    Each event replaces a small share of the probabilities by equal ones, because errors may begin.
-    """
-    ratio = np.exp(np.clip(without - with_errors, -50.0, 50.0))
-    total = 1.0 - no_error + no_error * ratio
-    after = (1.0 - _CHANGE) * no_error * ratio / total + 0.5 * _CHANGE
-    return with_errors + np.log(total), float(after)
 
 
 class _Run(NamedTuple):

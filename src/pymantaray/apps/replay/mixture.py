@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.apps.replay.event_data import (
-    CLUTTER,
-    CLUTTER_WIDTH,
     HOUR,
     ArrivalTracks,
     Components,
@@ -23,6 +21,7 @@ from pymantaray.apps.replay.event_data import (
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
 from pymantaray.arrays import Array, Indices
+from pymantaray.estimation.filters.gauss_markov import CLUTTER, CLUTTER_WIDTH
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB, by_rank, detected_first

@@ -5,13 +5,17 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.replay.event_data import HOUR
 from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array, Indices
+from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.roughness import Roughness
 from pymantaray.sensing.receptions import Direction
 
 _CELL = np.array([10.0, 10.0, 1.0])
 """Events share a link if their ends differ by less than about this, north, east and down. [m]"""
-_PAIR_SPACING = 37.3  # correlation lengths between the ice of successive pairs
+_HOURLY = (0.7548776662466927, 0.5698402909980532)
+"""Shift of the ice after an hour as a share of its tile: the R2 sequence, whose points spread."""
 
 
 class SharedLinks(NamedTuple):
@@ -37,7 +41,7 @@ class SharedLinks(NamedTuple):
         rows: Indices,
         ends: tuple[Array, Array],
         *,
-        ice_length: float | None = None,
+        ice: Roughness | None = None,
         drifts: bool = False,
     ) -> Self:
         """
@@ -50,12 +54,12 @@ class SharedLinks(NamedTuple):
             Events of the ends.
         ends : tuple of ndarray
             Sources and receivers, each (n, 3). [m]
-        ice_length : float, optional
-            Correlation length of rough ice. [m]
+        ice : Roughness, optional
+            Roughness of the ice.
         drifts : bool
-            True if only the position of one end relative to the other counts: water without
-            horizontal gradients, and ice that drifts with the nodes. For positions by latitude and
-            longitude, each pair has its own ice.
+            True if only the position of one end relative to the other counts for the water, which
+            has no horizontal gradients. Events under rough ice then share a link only within a
+            stretch, see `ice_stretches`.
 
         Returns
         -------
@@ -66,18 +70,23 @@ class SharedLinks(NamedTuple):
         source, receiver = ends
         first = np.where(back[:, None], receiver, source)
         second = np.where(back[:, None], source, receiver)
+        stretch = np.zeros(rows.size, dtype=np.int64)
         if drifts:
             origin = first * [1.0, 1.0, 0.0]
-            if events.geographic:
-                origin[:, 0] -= _PAIR_SPACING * (ice_length or 0.0) * pair[rows]
-            else:  # a node at rest stays where it is under the ice of the frame
+            if ice is not None:
+                at = np.where(
+                    back[:, None], events.receiver_position[rows], events.source_position[rows]
+                )
+                stretch, place = ice_stretches(events, rows, pair[rows], at, ice)
+                origin[:, :2] -= place
+            elif not events.geographic:
                 count = np.maximum(np.bincount(pair[rows]), 1)
                 middle = np.stack([np.bincount(pair[rows], x) / count for x in origin.T], axis=1)
                 origin -= middle[pair[rows]]
             first, second = first - origin, second - origin
         both = np.concatenate([first, second - first], axis=1)
         cells = np.round(both / np.tile(_CELL, 2)).astype(np.int64)
-        keys = np.column_stack([pair[rows], cells])
+        keys = np.column_stack([pair[rows], stretch, cells])
         _, link = np.unique(keys, axis=0, return_inverse=True)
         link = link.reshape(-1)
         count = np.bincount(link).astype(float)
@@ -116,6 +125,52 @@ class SharedLinks(NamedTuple):
         along = step / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
         by_range = 0.5 * np.einsum("ni,ni->n", source[:, :2] + receiver[:, :2], along)
         return np.stack([by_range, -source[:, 2], receiver[:, 2]], axis=1)
+
+
+def ice_stretches(
+    events: Events, rows: Indices, pair: Indices, position: Array, ice: Roughness
+) -> tuple[Indices, Array]:
+    """
+    Stretches of events of a pair under the same ice, and their places on the tile of the ice.
+
+    Parameters
+    ----------
+    events : Events
+    rows, pair : ndarray of int, shape (n,)
+        Some events, and the number of the pair of each.
+    position : ndarray, shape (n, 3)
+        First node of each event, as in `Events`.
+    ice : Roughness
+
+    Returns
+    -------
+    stretch : ndarray of int, shape (n,)
+        Number of the stretch of each event.
+    place : ndarray, shape (n, 2)
+        North and east of the first node on the tile. [m]
+
+    Notes
+    -----
+    The ice stays over ground, and nodes drift under it: a stretch ends after a drift by one
+    correlation length, to the next square of this size. All ice changes at each full hour since the
+    first event.
+    """
+    if events.geographic:
+        # the earliest event, in whichever row it is
+        earliest = np.lexsort([*events.source_position[:, :2].T, events.time])[0]
+        centre = LocalFrame(*events.source_position[earliest, :2])
+        ground = np.stack(centre.to_local(position[:, 0], position[:, 1]), axis=1)
+    else:
+        ground = position[:, :2]
+    hour = np.floor((events.time[rows] - events.time.min()) / HOUR)
+    square = np.floor(ground / ice.length)
+    keys = np.column_stack([pair, hour, square])
+    _, stretch = np.unique(keys, axis=0, return_inverse=True)
+    stretch = stretch.reshape(-1)
+    count = np.bincount(stretch)
+    middle = np.stack([np.bincount(stretch, x) / count for x in ground.T], axis=1)[stretch]
+    place = middle + ice.side * np.outer(hour, _HOURLY)
+    return stretch, np.mod(place, ice.side)
 
 
 def rows_of_ways(way: Indices, of_events: Indices) -> tuple[Indices, NDArray[np.int64]]:

@@ -14,7 +14,7 @@ from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from pymantaray.arrays import Array, Indices
-from pymantaray.geometry.se3 import hat, so3_exp
+from pymantaray.geometry.se3 import hat, so3_exp, so3_log
 
 SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
 ROTATION = slice(0, 3)
@@ -165,6 +165,32 @@ def exceeds(state: State, innovation: Innovation, gate: float) -> bool:
     spread = np.einsum("ij,jk,ik->i", by_errors, state.covariance, by_errors)
     limit = gate * gate * (spread + np.diagonal(innovation.variance))
     return bool((innovation.residual**2 > limit).any())
+
+
+def log_likelihood(state: State, innovation: Innovation) -> float:
+    """Log of the probability density of measurements, up to a constant factor for each."""
+    residual, by_errors, variance = innovation
+    if by_errors.ndim == 1:
+        spread = state.covariance[np.ix_(by_errors, by_errors)]
+    else:
+        spread = by_errors @ state.covariance @ by_errors.T
+    total = spread + variance
+    squared = float(residual @ np.linalg.solve(total, residual))
+    return -0.5 * (squared + float(np.linalg.slogdet(total)[1]))
+
+
+def average_states(first: State, second: State, share: float) -> State:
+    """State with the mean and the covariance of a mixture, of which the first has a share."""
+    other = 1.0 - share
+    turn = so3_log(np.swapaxes(first.rotation, 1, 2) @ second.rotation)
+    apart = np.concatenate([turn, second.position - first.position], axis=1)
+    return State(
+        first.rotation @ so3_exp(other * turn),
+        first.position + other * apart[:, POSITION],
+        share * first.covariance
+        + other * second.covariance
+        + share * other * np.outer(apart, apart),
+    )
 
 
 def update(state: State, innovation: Innovation) -> Update | None:

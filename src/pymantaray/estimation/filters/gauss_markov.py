@@ -13,6 +13,11 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 
 _MAX_TERM = 700.0  # of an exponent
+_CHANGE = 1e-3  # probability per measurement that errors begin or end
+CLUTTER = 0.02
+"""Share of measured travel times that no prediction explains."""
+CLUTTER_WIDTH = 0.1
+"""Width of the distribution of their times. [s]"""
 
 
 class Processes(NamedTuple):
@@ -165,3 +170,15 @@ def fuse(forward: Estimate, backward: Estimate, processes: Processes) -> Estimat
     values, vectors = np.linalg.eigh(information[0] + information[1] - np.eye(unit.size))
     covariance = (vectors / np.maximum(values, 1.0)) @ vectors.T
     return Estimate(unit * (covariance @ weighted), covariance * np.outer(unit, unit))
+
+
+def average_models(with_errors: float, without: float, no_error: float) -> tuple[float, float]:
+    """
+    Log likelihood of a measurement by two models, and the probability of the second after it.
+
+    Each event replaces a small share of the probabilities by equal ones, because errors may begin.
+    """
+    ratio = np.exp(np.clip(without - with_errors, -50.0, 50.0))
+    total = 1.0 - no_error + no_error * ratio
+    after = (1.0 - _CHANGE) * no_error * ratio / total + 0.5 * _CHANGE
+    return with_errors + np.log(total), float(after)
