@@ -13,8 +13,6 @@ import pytest
 from factories import names_in
 
 from pymantaray.apps.replay.command import _print_result
-from pymantaray.apps.replay.draws import needed_draws
-from pymantaray.apps.replay.page import _cards
 from pymantaray.cli.printing import Printer
 
 EVENTS = pd.DataFrame(
@@ -317,10 +315,8 @@ def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsy
     )
     times = {"event": np.repeat(n, 2), "travel_time_s": np.tile([2.0, 2.02], 40), "loss_db": 70.0}
     sizes = pd.DataFrame({"name": ["water"], "value": [4e-4]})
-    groups = pd.DataFrame({"draws": [3, 2, 2], "median_size_m": [2.5, 1.25, 2.0]})
-    all_draws = pd.DataFrame({"draws": [7], "median_size_m": [1.75]})
-    more = {"coverage": sizes, "error_sizes": sizes, "draws": groups}
-    more["draws_needed"] = needed_draws(all_draws, groups)
+    groups = {"group": [1, 2, 3], "draws": [3, 2, 2], "median_size_m": [2.5, 1.25, 2.0]}
+    more = {"coverage": sizes, "error_sizes": sizes, "draws": pd.DataFrame(groups)}
     result = replace(
         made_replay, events=events, candidates=pd.DataFrame(times), window=100.0, more=more
     )
@@ -328,11 +324,7 @@ def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsy
     for printer in (told, Printer(quiet=False)):
         _print_result(printer, result, Path("page"))
     text = capsys.readouterr().out
-    sentence = "7 draws, without learning: median size 1.75 ± 0.4 m; an error of 5 % needs"
-    assert sentence in text
-    needed = told.values["draws_needed"]
-    assert needed["standard_error"][0] == pytest.approx(0.6292 / 3**0.5, rel=1e-3)
-    assert "an error of 5 % needs" in _cards(result)[-1].remark
+    assert "median by groups of 2 draws, without learning: 1.25 to 2.50 m" in text
     assert "candidates change in 0.474 of 38 steps of 90 s, 0.526 if independent" in text
     clock = result.clocks.set_index("node").loc["B"]
     assert f"B +0.500 ± {1e3 * clock['standard_error_s']:.3f}" in text

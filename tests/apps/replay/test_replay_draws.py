@@ -1,13 +1,11 @@
 """
 Predictions from draws of rough ice: the same ice in both directions, ice that changes by drift and
-time, mirror images, the number of draws that is needed, what is refused, and the suggestion to
-allow reflections.
+time, mirror images, what is refused, and the suggestion to allow reflections.
 """
 
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from arctic import BOTTOM, DEPTH, cast
 from refusals import refused
@@ -15,7 +13,6 @@ from refusals import refused
 from pymantaray import Water
 from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.apps.replay import Events, PredictionOptions, replay_events
-from pymantaray.apps.replay.draws import draw_groups, draws_sentence, needed_draws
 from pymantaray.apps.replay.shared_links import ice_stretches
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
@@ -139,42 +136,6 @@ def test_a_draw_and_its_mirror_image_cancel_to_first_order():
     rough = Roughness(0.01, 20.0, draw=3)
     upside_down = rough.with_draw(-4).elevation_at([0.0, 30.0], [5.0, 70.0])
     np.testing.assert_array_equal(upside_down, -rough.elevation_at([0.0, 30.0], [5.0, 70.0]))
-
-
-def scattered(rng, draws, bias, scatter):
-    """Medians of 1 m of all draws and of their groups, by a law of bias and scatter per draw."""
-    everything, *groups = draw_groups(draws)
-    each = rng.normal(0.0, scatter, draws)
-
-    def table(members):
-        values = [1.0 + bias / m.size + each[m].mean() for m in members]
-        return pd.DataFrame({"draws": [m.size for m in members], "median_size_m": values})
-
-    return table([everything]), table(groups)
-
-
-@pytest.mark.parametrize(
-    ("bias", "scatter", "within"), [(0.0, 0.4, 0.25), (1.5, 1e-4, 0.05), (0.6, 0.3, 0.25)]
-)
-def test_the_needed_number_of_draws_is_that_of_the_law(bias, scatter, within):
-    """An error of 5 %, by its mean square: scatter² / n + (bias / n)² = 0.05²."""
-    rng = np.random.default_rng(4)
-    rows = [needed_draws(*scattered(rng, 48, bias, scatter)).iloc[0] for _ in range(400)]
-    table = pd.DataFrame(rows)
-    n = np.roots([0.05**2, -(scatter**2), -(bias**2)]).max()
-    assert table["needed"].mean() == pytest.approx(n, rel=within)
-    error = np.sqrt(np.mean(table["needed_standard_error"] ** 2))
-    assert error == pytest.approx(table["needed"].std(), rel=0.5, abs=0.3)
-    measured = np.sqrt(np.mean(table["standard_error"] ** 2))
-    assert measured == pytest.approx(scatter / np.sqrt(48), rel=0.1)
-
-
-def test_without_predictions_no_number_of_draws_is_given():
-    all_draws, groups = scattered(np.random.default_rng(1), 12, 0.1, 0.1)
-    assert "an error of 5 % needs" in draws_sentence(needed_draws(all_draws, groups))
-    lost = needed_draws(all_draws, groups.replace(groups.iloc[0, 1], np.inf))
-    assert np.isnan(lost["needed"][0])
-    assert "so no number of draws is given" in draws_sentence(lost)
 
 
 def test_draws_of_smooth_ice_are_refused():

@@ -201,8 +201,6 @@ def _waters_on_earth(
 
 
 def _print_result(out: Printer, result: "Replay", page: Path) -> None:
-    from pymantaray.apps.replay.draws import draws_sentence
-
     out.notes(result.notes)
     for finding in result.findings:
         out.line(finding)
@@ -223,8 +221,13 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
         if name in tables:
             out.table(tables[name])
     if "draws" in result.more:
-        needed = result.more["draws_needed"]
-        out.line(draws_sentence(needed), draws=result.more["draws"], draws_needed=needed)
+        draws = result.more["draws"]
+        low, high = draws["median_size_m"].min(), draws["median_size_m"].max()
+        out.line(
+            f"median by groups of {draws['draws'].min()} draws, without learning: {low:.2f} to"
+            f" {high:.2f} m",
+            draws=draws,
+        )
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy()
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]

@@ -23,7 +23,6 @@ from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
     draw_groups,
-    needed_draws,
     predict_draws,
     with_median_candidate,
 )
@@ -72,9 +71,6 @@ CAPTIONS = {
     " infinite",
     "draws": "Residuals of all events by independent groups of draws, without learning; they show"
     " the spread over draws",
-    "draws_needed": "Quantiles of the sizes by all draws, without learning, their standard errors"
-    " and biases due to the number of draws, and the number for which both together are 5 % of the"
-    " value",
     "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
     " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
@@ -365,14 +361,16 @@ def replay_events(
         else:
             parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
-    of_draws = [_joined(events, predictions) for predictions in zip(*parts, strict=True)]
-    table, all_candidates = of_draws[0]
+    (table, all_candidates), *of_groups = (
+        _joined(events, predictions) for predictions in zip(*parts, strict=True)
+    )
     more: dict[str, pd.DataFrame] = {}
     if has_mixture:
         detector = waters[0].reception.detector
         table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)
-        if len(of_draws) > 1:
-            more |= _draw_tables(of_draws, rule, replace(options, learn=None), detector)
+        if of_groups:
+            unlearned = replace(options, learn=None)
+            more["draws"] = _draws_table(of_groups, rule, unlearned, detector)
     table = _with_residuals(table)
     if has_mixture:
         more = {"coverage": coverage_table(table, seed=seed), **more}
@@ -430,27 +428,23 @@ def _with_residuals(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _draw_tables(
-    of_draws: Sequence[tuple[pd.DataFrame, pd.DataFrame]],
+def _draws_table(
+    of_groups: Sequence[tuple[pd.DataFrame, pd.DataFrame]],
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
-) -> dict[str, pd.DataFrame]:
-    """Residuals of all events by each group of draws alone, and the number of draws needed."""
-    scored = [_with_mixture(*one, rule, options, detector)[0] for one in of_draws]
+) -> pd.DataFrame:
+    """Residuals of all events by each group of draws alone."""
+    scored = [_with_mixture(*one, rule, options, detector)[0] for one in of_groups]
     sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
-    table = pd.DataFrame(
+    return pd.DataFrame(
         {
-            "draws": [members.size for members in draw_groups(options.draws)],
+            "group": np.arange(1, len(scored) + 1),
+            "draws": [members.size for members in draw_groups(options.draws)[1:]],
             "median_size_m": [quantile_of(size.to_numpy(), 0.5) for size in sizes],
             "q90_size_m": [quantile_of(size.to_numpy(), 0.9) for size in sizes],
         }
     )
-    groups = table[1:].reset_index(drop=True)
-    return {
-        "draws": groups.assign(group=groups.index + 1),
-        "draws_needed": needed_draws(table[:1], groups),
-    }
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:

@@ -28,8 +28,7 @@ from pymantaray.sensing.water import Water
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
 _MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
-_MIN_GROUPS, _MAX_GROUPS = 3, 8  # of draws, which are scored for the standard error
-_DRAW_ERROR = 0.05  # of a quantile; the error for which the number of draws is given
+_MIN_GROUPS, _MAX_GROUPS = 2, 4  # of draws, which are scored for the spread
 _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 MERGED = 1e-3
@@ -227,7 +226,7 @@ def predict_draws(
 
 def draw_groups(draws: int) -> list[Rows]:
     """
-    All draws, and three to eight independent groups of them if there are six draws or more.
+    All draws, and two to four independent groups of them if there are four draws or more.
 
     A draw and its mirror image are in the same group.
     """
@@ -236,77 +235,6 @@ def draw_groups(draws: int) -> list[Rows]:
     if groups < _MIN_GROUPS:
         return [numbers]
     return [numbers, *(numbers[numbers // 2 % groups == k] for k in range(groups))]
-
-
-def needed_draws(all_draws: pd.DataFrame, groups: pd.DataFrame) -> pd.DataFrame:
-    """
-    Errors of quantiles due to the number of draws, and the number that is needed.
-
-    Parameters
-    ----------
-    all_draws : pandas.DataFrame
-        One row with the number of ``draws`` and quantiles of the sizes of residuals [m].
-    groups : pandas.DataFrame
-        The same for each of at least three independent groups of these draws.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row per quantile: its ``value``, its ``standard_error``, its ``bias``, the number of
-        draws ``needed`` for an error of both of 5 % of the value, and ``needed_standard_error``.
-        NaN if a value is infinite or zero.
-
-    Notes
-    -----
-    The variance and the bias of a quantile are inversely proportional to the number of draws.
-    The scatter of the groups determines the variance, and the difference between their mean and the
-    value of all draws the bias. The standard error of the number is a jackknife over groups.
-    """
-    n, g = int(all_draws["draws"].iloc[0]), len(groups)
-    rows = []
-    for name in all_draws.columns.drop("draws"):
-        value = float(all_draws[name].iloc[0])
-        of_groups = groups[name].to_numpy(dtype=float)
-        if not (value > 0.0 and np.isfinite([value, *of_groups]).all()):
-            rows.append((name, value, *[np.nan] * 4))
-            continue
-        needed = _needed(value, of_groups, n, n / g)
-        others = [_needed(value, np.delete(of_groups, k), n, n / g) for k in range(g)]
-        rows.append(
-            (
-                name,
-                value,
-                float(np.std(of_groups, ddof=1)) / np.sqrt(g),
-                float(of_groups.mean() - value) / (g - 1),
-                needed,
-                float(np.std(others)) * np.sqrt(g - 1),
-            )
-        )
-    columns = ["quantile", "value", "standard_error", "bias", "needed", "needed_standard_error"]
-    return pd.DataFrame(rows, columns=columns).assign(draws=n)
-
-
-def _needed(value: float, of_groups: Array, draws: int, size: float) -> float:
-    """Draws for the allowed error, from a value of all draws and those of groups of some size."""
-    # of one draw
-    variance = size * float(np.var(of_groups, ddof=1))
-    bias = float(of_groups.mean() - value) / (1.0 / size - 1.0 / draws)
-    allowed = (_DRAW_ERROR * value) ** 2
-    root = float(np.hypot(variance, 2.0 * bias * np.sqrt(allowed)))
-    return max((variance + root) / (2.0 * allowed), 1.0)
-
-
-def draws_sentence(needed: pd.DataFrame) -> str:
-    """Sentence about the standard error due to the number of draws, and the number needed."""
-    median = needed.set_index("quantile").loc["median_size_m"]
-    start = f"{median['draws']:.0f} draws, without learning"
-    if not np.isfinite(median["needed"]):
-        return f"{start}: half of the events have no prediction, so no number of draws is given"
-    return (
-        f"{start}: median size {median['value']:.3g} ± {median['standard_error']:.1g} m; an error"
-        f" of {100.0 * _DRAW_ERROR:g} % needs {median['needed']:.1f} ±"
-        f" {median['needed_standard_error']:.1f} draws"
-    )
 
 
 def _arrivals_of(

@@ -10,7 +10,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pymantaray.apps.replay import Replay
-from pymantaray.apps.replay.draws import draws_sentence
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.page import Card, Explorer, Page, origin_table, table_explorer, write_page
 from pymantaray.plotting import style
@@ -156,11 +155,6 @@ def _cards(replay: Replay) -> list[Card]:
             f"{show(100.0 * switching['independent_rate'])} % if independent;"
             f" {switching['steps']:,} steps"
         )
-    draws = []
-    if "draws_needed" in replay.more:
-        needed = replay.more["draws_needed"]
-        sentence = draws_sentence(needed).partition(": ")[2]
-        draws = [Card("Draws of the ice", f"{needed['draws'].iloc[0]}", sentence)]
     return [
         Card(
             "Predicted",
@@ -177,7 +171,6 @@ def _cards(replay: Replay) -> list[Card]:
         Card(
             "Near a limit", f"{n_near:,} events", "a limit 1 dB higher or lower changes the arrival"
         ),
-        *draws,
     ]
 
 
