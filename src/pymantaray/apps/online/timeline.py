@@ -210,12 +210,18 @@ def apply(
     if event.kind == Kind.RANGE and errors is not None:
         elapsed = event.time - state.errors_time
         state = state.changed(lambda one: errors.relax(one, elapsed), errors_time=event.time)
-    estimate, outcome, fit = _updated(state.estimate, event, ranging, gate)
+    innovation = innovation_of(state.estimate, event, ranging)
+    estimate, outcome = _updated(state.estimate, event, innovation, gate)
     if state.without is None:
         return state._replace(estimate=estimate), outcome
-    without, other_outcome, other_fit = _updated(state.without, event, ranging, gate)
+    other = innovation_of(state.without, event, ranging)
+    without, other_outcome = _updated(state.without, event, other, gate)
     no_error = state.no_error
     if event.kind != Kind.DEPTH:  # both estimates have the same depths
+        fit, other_fit = (
+            _fit(one, event, its)
+            for one, its in ((state.estimate, innovation), (state.without, other))
+        )
         _, no_error = average_models(fit, other_fit, no_error)
     return state._replace(estimate=estimate, without=without, no_error=no_error), (
         outcome if no_error < 0.5 else other_outcome
@@ -223,28 +229,33 @@ def apply(
 
 
 def _updated(
-    state: State, event: Event, ranging: RangePrediction, gate: float
-) -> tuple[State, Outcome, float]:
+    state: State, event: Event, innovation: Innovation | None, gate: float
+) -> tuple[State, Outcome]:
+    """State after a measurement, and outcome."""
+    if innovation is None:
+        return state, Outcome.NO_ARRIVAL
+    if event.kind == Kind.RANGE and exceeds(state, innovation, gate):
+        return state, Outcome.GATED
+    updated = update(state, innovation)
+    if updated is None:
+        return state, Outcome.FAILED
+    return updated.state, Outcome.USED
+
+
+def _fit(state: State, event: Event, innovation: Innovation | None) -> float:
     """
-    State after a measurement, outcome, and log likelihood, by which estimates are compared.
+    Log likelihood of a measurement, by which estimates are compared.
 
     A share of all ranges has any time.
     """
-    is_range = event.kind == Kind.RANGE
     floor = math.log(CLUTTER / CLUTTER_WIDTH)
-    innovation = innovation_of(state, event, ranging)
     if innovation is None:
-        return state, Outcome.NO_ARRIVAL, floor
+        return floor
     fit = log_likelihood(state, innovation)
-    if is_range:
-        density = (1.0 - CLUTTER) / math.sqrt(2.0 * math.pi)
-        fit = float(np.logaddexp(math.log(density) + fit, floor))
-    if is_range and exceeds(state, innovation, gate):
-        return state, Outcome.GATED, fit
-    updated = update(state, innovation)
-    if updated is None:
-        return state, Outcome.FAILED, fit
-    return updated.state, Outcome.USED, fit
+    if event.kind != Kind.RANGE:
+        return fit
+    density = (1.0 - CLUTTER) / math.sqrt(2.0 * math.pi)
+    return float(np.logaddexp(math.log(density) + fit, floor))
 
 
 def _with(values: tuple[float, ...], at: int, value: float) -> tuple[float, ...]:
