@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 from pymantaray import open_water
+from pymantaray.acoustics import read_profiles
 from pymantaray.errors import MantaRayError
 from pymantaray.ocean import read_cast, read_casts
 
@@ -195,6 +196,23 @@ def test_hours_of_one_digit_are_hours(tmp_path, clock):
     assert (note in casts[0].notes) == (not clock)
 
 
+@pytest.mark.parametrize("read", [read_casts, read_profiles])
+@pytest.mark.parametrize("write", ["odv", "wod"])
+def test_a_station_without_two_levels_does_not_refuse_the_others(tmp_path, read, write):
+    path = {"odv": odv, "wod": wod}[write](tmp_path / "many.txt")
+    whole = [one.depth.size for one in read(path)]
+    lines = path.read_text().splitlines()
+    if write == "odv":
+        last = [i for i, line in enumerate(lines) if line.strip()][-DEPTH.size + 1 :]
+    else:
+        ends = [i for i, line in enumerate(lines) if line.startswith("END OF VARIABLES")]
+        last = range(ends[-1] - DEPTH.size + 1, ends[-1])
+    path.write_text("\n".join(line for i, line in enumerate(lines) if i not in last))
+    (kept,) = read(path)
+    assert kept.depth.size == whole[0]
+    assert any("1 of 2 profiles dropped, the first: " in note for note in kept.notes)
+
+
 def test_one_cast_of_a_spreadsheet_is_water(tmp_path):
     path = odv(tmp_path / "odv.txt")
     cast = read_cast(path, name="AB12/St0")
@@ -244,8 +262,9 @@ def test_casts_of_the_world_ocean_database(tmp_path):
     assert [cast.name for cast in casts] == ["954050", "954051"]
     check(casts)
     check(read_casts(wod(tmp_path / "flagged.csv", flag="3")), {(1, 2)})
-    with pytest.raises(Exception, match="954051"):
-        read_casts(wod(tmp_path / "profile.csv", profile="2"))
+    (kept,) = read_casts(wod(tmp_path / "profile.csv", profile="2"))
+    assert kept.name == "954050"
+    assert any("1 of 2 profiles dropped, the first: 954051: 0 usable" in n for n in kept.notes)
 
 
 @pytest.mark.parametrize(

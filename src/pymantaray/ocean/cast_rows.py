@@ -52,6 +52,10 @@ _SPIKE = 3.0  # times the largest other step between rows
 _LONGEST, _FARTHEST = np.timedelta64(12, "h"), 0.05  # degrees
 
 
+class LevelsError(OceanError):
+    """A cast has less than two usable levels."""
+
+
 def without_fills(raw: Array, values: Array, quantity: str) -> Array:
     """
     Values in our unit, NaN where the number in the file is not finite or is a usual fill value.
@@ -132,7 +136,7 @@ def usable_rows(
     ]
     if deeper.size < 2:
         reasons = f" ({'; '.join(notes)})" if notes else ""
-        raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
+        raise LevelsError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
     notes += _unit_doubts({name: values[deeper] for name, values in quantities.items()})
     return deeper, notes, sum(counts.values())
 

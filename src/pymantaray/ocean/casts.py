@@ -25,6 +25,7 @@ from pymantaray.ocean import convert
 from pymantaray.ocean.argo import ARGO, read_argo
 from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.cast_folders import is_cast_folder, read_each
+from pymantaray.ocean.cast_rows import LevelsError
 from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
@@ -211,18 +212,19 @@ def each_usable(
     """
     Casts or profiles of the tables of a file, and a note about those that cannot be used.
 
-    A data set with many profiles usually has some without usable levels. In all other files, one of
-    them is an error.
+    A data set or an archive's file with many profiles usually has some without usable levels. In
+    all other files, one of them is an error, as is any other fault in an archive's file.
     """
-    several = len(tables) > 1 and next(iter(tables.values())).instrument == DATA_SET
+    one, many = next(iter(tables.values())), len(tables) > 1
+    accepted: tuple[type[MantaRayError], ...] = (MantaRayError,)
+    if not (many and one.instrument == DATA_SET):
+        accepted = (LevelsError,) if many and one.labelled else ()
     made: list[MadeT] = []
     refused: list[MantaRayError] = []
     for name, table in tables.items():
         try:
             made.append(make(name, table))
-        except MantaRayError as error:
-            if not several:
-                raise
+        except accepted as error:
             refused.append(error)
     if refused and not made:
         raise refused[0]
