@@ -449,9 +449,10 @@ def test_a_profile_that_the_world_ocean_database_rejects_is_left_out(tmp_path):
          + " missing_value", (3, 4, 5)),
         ("1 2 3 4 9 8", "PASS NOT_EVALUATED SUSPECT FAIL MISSING interpolated", (2, 3, 4)),
         ("0 1 2 3 4 9", "unknown good changed estimated interpolated missing", (5,)),
+        ("0 1 2 3 4 9", "no_error not_suspect a_failure bad_data none missing", (2, 3, 5)),
         ("0 1 2 3 4 9", "", (3, 4, 5)),
     ],
-    ids=["SeaDataNet", "QARTOD", "own", "without meanings"],
+    ids=["SeaDataNet", "QARTOD", "own", "denials", "without meanings"],
 )  # fmt: skip
 def test_flags_are_rejected_by_their_meanings(tmp_path, flags, meanings, dropped):
     values = np.array(flags.split(), dtype="i1")

@@ -82,7 +82,13 @@ def test_dates_that_nanoseconds_cannot_hold_are_no_dates(tmp_path, cell):
     ("units", "titles"),
     [
         ("UTC,,ft,degree_F", ["time", "vehicle", "depth [ft]", "temperature [degree_F]"]),
+        ("s,,(feet),[degC]", ["time [s]", "vehicle", "depth [feet]", "temperature [degC]"]),
+        ("UTC,,m,1", ["time", "vehicle", "depth [m]", "temperature [1]"]),
         ("2020-03-01,A,5,6", ["time", "vehicle", "depth", "temperature"]),
+        ("2020-03-01,m,nan,", ["time", "vehicle", "depth", "temperature"]),
+        ("?,m,NaN,", ["time", "vehicle", "depth", "temperature"]),
+        ("?,m,-.5,", ["time", "vehicle", "depth", "temperature"]),
+        ("?,A,none,", ["time", "vehicle", "depth", "temperature"]),
     ],
 )
 def test_a_row_of_units_below_the_header_is_part_of_it(tmp_path, units, titles):
@@ -90,5 +96,13 @@ def test_a_row_of_units_below_the_header_is_part_of_it(tmp_path, units, titles):
     path.write_text(f"time,vehicle,depth,temperature\n{units}\n2020-03-02,A,1,50\n")
     frame = read_text_table(path).frame
     assert frame.columns.tolist() == titles
-    assert len(frame) == 1 + units.startswith("2020")
+    assert len(frame) == (1 if "[" in "".join(titles) else 2)
     assert frame.index[-1] == 3
+
+
+def test_units_without_rows_are_no_row_of_units(tmp_path):
+    """The row is refused as one with a wrong number."""
+    path = tmp_path / "empty.csv"
+    path.write_text("time,depth\ns,m\n")
+    with pytest.raises(RecordError, match="line 2: time is 's'"):
+        read_text_table(path).numbers(["time"])

@@ -41,7 +41,8 @@ _COPERNICUS = ("TIME", "DEPTH")
 """Dimensions of the in-situ profiles of Copernicus and OceanSITES."""
 _BAD_FLAGS = (3, 4, 9)  # without meanings: those of OceanGliders, IMOS, Argo and QARTOD
 _BAD = re.compile(
-    r"bad|fail|suspect|question|doubt|reject|invalid|error|wrong|missing|not_(sampled|reported)"
+    r"(?<!no_)(?<!not_)(bad|fail|suspect|question|doubt|reject|invalid|error|wrong|missing)"
+    r"|not_(sampled|reported)"
 )
 _ALL_BAD_BUT = "accepted"  # of the World Ocean Database, whose other flags are reasons
 

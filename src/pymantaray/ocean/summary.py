@@ -186,6 +186,9 @@ def profile_region(local: xr.Dataset) -> pd.DataFrame:
         "synthetic": "no",
         "source": str(local.attrs["source"]),
     }
+    if np.ptp(speed, axis=(0, 1)).any():
+        extents = {f"{name} [km]": 1e-3 * local[name].values for name in ("north", "east")}
+        rows = {name: f"{km[0]:g} to {km[-1]:g}" for name, km in extents.items()} | rows
     return _property_table(local, rows)
 
 

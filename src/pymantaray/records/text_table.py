@@ -39,6 +39,15 @@ _TIMES = (
     " UTC)"
 )
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
+_NUMBER = re.compile(r"[-+.]*\d|nan$", re.IGNORECASE)
+_PLAIN_UNITS = ("", "UTC", "degrees_north", "degrees_east")
+"""Cells of a row of units that add nothing to the titles."""
+_UNIT = re.compile(
+    r"utc|deg(ree)?s?(_(north|east|c|f))?|rad|[kcm]?m|met(er|re)s?|ft|feet|d?bars?|db|decibars?"
+    r"|[hkm]?pa|psi|°?[cfk]|deg[cf]|celsius|psu|pss-78|g/kg|[cm]?m/s|ft/s|[mun]?s|sec|seconds?",
+    re.IGNORECASE,
+)
+_UNITS_OF_SALINITY = ("1", "1e-3", "0.001")
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,8 +268,8 @@ def read_text_table(
 
     ``text`` is the content of the file, if it is read already. Rows with more cells than the
     header, and rows with fewer cells than most rows, are added to ``invalid``; without it, the
-    former raise an error, and the latter have empty cells. A row of units below the header, as
-    ERDDAP writes it, becomes part of the titles.
+    former raise an error, and the latter have empty cells. A row of units below the header, such
+    as ERDDAP's, becomes part of the titles.
     """
     import pandas as pd
 
@@ -307,16 +316,24 @@ def read_text_table(
     if len(cells) != len(rows):
         raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
     cells = cells.fillna("").map(str.strip).map(unguard_formula).set_axis(list(rows))
-    names, first = (cells.iloc[k].tolist() if k < len(cells) else [] for k in (0, 1))
-    plain = {"", "UTC", "degrees_north", "degrees_east"}
-    has_units = "UTC" in first or plain - {"", "UTC"} <= {*first}
+    names = cells.iloc[0].tolist()
+    has_units = len(cells) > 2 and _are_units(
+        units := [cell.strip(" ()[]") for cell in cells.iloc[1]]
+    )
     if has_units:
         names = [
-            name if unit in plain else f"{name} [{unit}]"
-            for name, unit in zip(names, first, strict=True)
+            name if unit in _PLAIN_UNITS else f"{name} [{unit}]"
+            for name, unit in zip(names, units, strict=True)
         ]
     frame = cells.iloc[1 + has_units :].set_axis(names, axis=1)
     return TextTable(path, frame, list(comments.values()))
+
+
+def _are_units(cells: list[str]) -> bool:
+    """True if cells are a row of units: none is a number or a date, and one is a usual unit."""
+    return any(_UNIT.fullmatch(cell) for cell in cells) and all(
+        cell in _UNITS_OF_SALINITY or not _NUMBER.match(cell) for cell in cells
+    )
 
 
 def _whole_rows(

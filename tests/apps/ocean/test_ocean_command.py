@@ -506,6 +506,13 @@ def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):
     assert "found '0-20'; it must be START:STOP[:STEP] in metres, such as 0:200:5" in done.err
 
 
+def test_a_section_shows_its_ranges(mantaray, told, tmp_path):
+    (tmp_path / "s.csv").write_text(",0,1000,5000\n0,1500,1501,1502\n100,1490,1491,1492\n")
+    region = told("ocean", "show", tmp_path / "s.csv")["region"]
+    rows = {row["property"]: row["s.csv"] for row in region}
+    assert (rows["north [km]"], rows["east [km]"]) == ("0 to 5", "-5 to 5")
+
+
 def test_water_in_metres_shows_its_region(mantaray, told, tmp_path, as_stored):
     axes = {"north": [-1e3, 1e3], "east": [-2e3, 2e3], "depth": [0.0, 100.0, 400.0]}
     speed = np.broadcast_to([1450.0, 1440.0, 1455.0], (2, 2, 3))

@@ -4,7 +4,6 @@ workspaces of the kernels.
 """
 
 from collections import namedtuple
-from typing import Any
 
 import numpy as np
 
@@ -227,8 +226,6 @@ MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
 BLOCK = 32  # layers of a block of `ladder`
 N_LAYER = 11  # rows of a block of layers
-# nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
-_ANGLES = 768
 
 Work = namedtuple(
     "Work",
@@ -250,18 +247,8 @@ Room.__doc__ = """Workspaces of `link.solve_links`; flights is None in plain Pyt
 where rays are traced one after another."""
 
 
-def shapes(
-    n_depth: int,
-    columns: int = MAX_COLUMNS,
-    lines: int = MAX_COLUMNS,
-    nodes: int = MAX_NODES,
-    path: int = MAX_PATH,
-    halved: int = MAX_HALVED,
-) -> Work:
-    """
-    Shapes of the workspaces for numbers of columns of a section, grid lines under a link, angles of
-    a fan, steps, and intervals halved at a time.
-    """
+def shapes(n_depth: int) -> Work:
+    """Shapes of the workspaces for links in a medium with a number of levels."""
     return Work(
         y=(N_STATE,),
         K=(7, N_FULL),
@@ -269,48 +256,32 @@ def shapes(
         K_space=(7, N_SPACE),
         ynew=(N_SPACE,),
         no_path=(0, N_PATH),
-        path=(path, N_PATH),
-        breaks=(columns + 1,),
-        wall_breaks=(lines + 2,),
+        path=(MAX_PATH, N_PATH),
+        breaks=(MAX_COLUMNS + 1,),
+        wall_breaks=(MAX_COLUMNS + 2,),
         cells=(3, MAX_BOUNCES + 2),
         candidates=(MAX_CANDIDATES, N_CANDIDATE),
         small=(6, 4),
         acc=(4, 2 * n_depth),
-        store=(columns, n_depth, 16),
-        cuts=(n_depth + columns + 4,),
+        store=(MAX_COLUMNS, n_depth, 16),
+        cuts=(n_depth + MAX_COLUMNS + 4,),
         extremes=(2, n_depth),
         ladder=(N_LADDER, 3 * n_depth + 64),
         layers=(N_LAYER * (3 * n_depth + 64 + 2 * BLOCK),),
-        nodes=(nodes,),
-        rays=(6 * halved + nodes, N_RAY),
-        stack=(20 + 16 * halved, 2, N_RAY),
-        halves=(halved, 2, N_RAY),
-        kinds=(halved,),
+        nodes=(MAX_NODES,),
+        rays=(6 * MAX_HALVED + MAX_NODES, N_RAY),
+        stack=(20 + 16 * MAX_HALVED, 2, N_RAY),
+        halves=(MAX_HALVED, 2, N_RAY),
+        kinds=(MAX_HALVED,),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
     )
 
 
-def flight_shapes(own: Work, count: int = MAX_FLIGHTS) -> Flights:
+def flight_shapes(own: Work) -> Flights:
     """Shapes of the workspaces of links whose rays are traced together, from those of one link."""
-    arrays = {name: (count, *getattr(own, name)) for name in Flights._fields[2:]}
-    return Flights(links=(count, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
-
-
-def least_shapes(domain: Any, longest: float) -> Work:
-    """Smallest sufficient shapes for links up to a horizontal distance in a medium. [m]"""
-    path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps have at least about 5 m
-    lines = min(
-        sum(one.north.size + one.east.size for one in (domain.bed, domain.surface)), MAX_COLUMNS
-    )
-    n_depth = domain.depth.size
-    if (
-        domain.kind == SMOOTH
-    ):  # one extra column: distances may round differently on another processor
-        columns = min(int(np.ceil(longest / domain.column_step)) + 2, MAX_COLUMNS)
-        return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth, MAX_NODES), path, 1)
-    columns = min(domain.north.size + domain.east.size, MAX_COLUMNS)
-    return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth * columns, MAX_NODES), path, 1)
+    arrays = {name: (MAX_FLIGHTS, *getattr(own, name)) for name in Flights._fields[2:]}
+    return Flights(links=(MAX_FLIGHTS, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
 
 
 def workspace(n_depth: int) -> Work:
