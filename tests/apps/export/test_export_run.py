@@ -120,7 +120,8 @@ def test_pandas_reads_tables_whose_columns_say_their_units(run, exported, to, as
         else pd.read_parquet(out / f"{name}.parquet")
         for name in ("errors", "ranges", "trajectories")
     }
-    as_stored(read)
+    # as numbers, whose last digits depend on the machine
+    as_stored({n: pd.read_csv(out / f"{n}.csv") if to == "csv" else t for n, t in read.items()})
     ranges, errors = run.ranges(REALIZATION), run.errors()
     for column in ("time", "distance", "refracted_range", "travel_time"):
         unit = ranges.attrs["units"][column]

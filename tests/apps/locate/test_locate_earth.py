@@ -133,7 +133,7 @@ def garpos(survey, folder):
     return [path]
 
 
-ROUNDING = "candidates|probability|chi_square"
+ROUNDING = "candidates|probability|chi_square|variance_factor"
 """What residuals without noise leave to rounding."""
 WRITERS = {"table": own_table, "obsrange": obsrange, "gnatss": gnatss, "garpos": garpos}
 
