@@ -33,7 +33,7 @@ NUMBER = re.compile(r"(?<![\w.#])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 PATH = re.compile(r"\S*/\S*/\S*")
 CHANGES = re.compile(
     r"seconds|elapsed|created|version|history|modified|folder|path$|^sha256|_s_cpu|cpu_ms|memory"
-    r"|workers|^platform$|least_eigenvalue|^distance$|lower_bound|gradient_norm"
+    r"|workers|least_eigenvalue|^distance$|lower_bound|gradient_norm"
 )
 """Names of what differs from run to run or from machine to machine, and of where a solver ends."""
 

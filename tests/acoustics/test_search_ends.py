@@ -39,4 +39,19 @@ def test_an_end_is_moved_only_outwards_over_a_root_beyond_it(root, moved, slope)
         [ray(angle, slope * (angle - zero), slope) for angle in (-0.1, 0.1)]
         for zero in (rough_root, root)
     )
-    assert end_to_move(*rough, *fine) == moved
+    assert end_to_move(*rough, *fine)[0] == moved
+
+
+@pytest.mark.parametrize(("codes", "moved"), [((2, 2), 0), ((1, 1), 1), ((1, 2), -1)])
+def test_an_end_is_moved_outwards_over_a_change_of_reflections_beyond_it(codes, moved):
+    """Between two rough rays the reflections change; the accurate ones have these codes."""
+    rough, fine = (
+        [ray(angle, 5.0 + 1e3 * angle, 1e3) for angle in (-1e-3, 1e-3)] for _ in range(2)
+    )
+    for rays, both in ((rough, (1, 2)), (fine, codes)):
+        for one, code in zip(rays, both, strict=True):
+            one[at.CODE] = code
+    end, change = end_to_move(*rough, *fine)
+    assert end == moved
+    if end >= 0:  # by the interval and twice the distance of the nearer ray from the root
+        assert change == pytest.approx((-1.0, 1.0)[end] * (2e-3 + 2.0 * 4e-3))

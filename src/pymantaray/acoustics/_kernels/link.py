@@ -64,7 +64,12 @@ from pymantaray.acoustics._kernels.search import (
     tally_of,
     turning_limits,
 )
-from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
+from pymantaray.acoustics._kernels.search_reflected import (
+    Hunt,
+    add_reflected,
+    beside_boundary,
+    reach_of,
+)
 from pymantaray.acoustics._kernels.trace import (
     course_to_levels,
     direct_course,
@@ -474,10 +479,11 @@ def _end(section, course, tally, bounces, settings, i, work, results):
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None, Numba omits this branch
         variation = speed_extremes(s, work.extremes)
         limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
+        reach = reach_of(walls, link)
         hunt = Hunt(
             link,
-            reach_of(walls, link),
-            accuracy,
+            reach,
+            beside_boundary(accuracy, reach, link),
             bounces,
             settings.cutoff_db,
             10.0 * weak_slope,

@@ -40,7 +40,7 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
         )
         ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     elif bounces[0] + bounces[1] > 0:
-        course = forward_course(link, bounces, 0, 0, link.z1)
+        course = forward_course(link, bounces, 0, 0, link.z1, False)
         ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     else:
         direct = direct_course(link, axis == at.CHORD, False)

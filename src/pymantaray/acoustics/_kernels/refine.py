@@ -15,7 +15,7 @@ from pymantaray.acoustics._kernels.beside import (
     offset_in_plane,
     trace_direct,
 )
-from pymantaray.acoustics._kernels.boundary import across_plane
+from pymantaray.acoustics._kernels.boundary import across_plane, bed_at, surface_at
 from pymantaray.acoustics._kernels.field import cubic_root
 from pymantaray.acoustics._kernels.layout import Accuracy
 from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
@@ -39,6 +39,9 @@ _MIN_MOVE = 1e-3  # of the bracket's width: shortest move
 _RETURN_DISTANCE = (
     10.0  # times the miss; a ray farther beyond the edges of the held cells does not return
 )
+# m; out of the plane, a ray to a receiver nearer to a boundary may reflect there or not
+_NEAR_BOUNDARY = 10.0
+_MAX_RETREATS = 12  # from such a reflection
 _ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the slope
 
 Launch = namedtuple("Launch", "ok angle q steps turns")
@@ -335,12 +338,26 @@ def _differences(s, walls, course, angle, q, tol, work):
 
 
 @kernel
+def _away_from_boundary(walls, course):
+    """Sign of the change of depth away from a boundary near the target; otherwise 0."""
+    if course.rule.kind != at.FORWARD:
+        return 0.0
+    z, r = course.axis.z_source + course.target, course.length
+    above = z - surface_at(walls, r, 0.0, r)[0]
+    below = bed_at(walls, r, 0.0, r)[0] - z
+    if min(above, below) > _NEAR_BOUNDARY:
+        return 0.0
+    return 1.0 if above < below else -1.0
+
+
+@kernel
 def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
     """
     Find the reflected ray that ends at the target, by Newton's method with Broyden's updates.
 
-    If bounded, the search stops when it leaves the bracket. Returns the launch, the jacobian and
-    the code of the last ray.
+    If bounded, the search stops when it leaves the bracket. If the first ray has other reflections
+    because of a boundary near the target, the next ones are farther away from it. Returns the
+    launch, the jacobian and the code of the last ray.
     """
     rule, y, ray, fine, miss = course.rule, work.y, full_ray(work), accuracy.fine, accuracy.miss
     inner = fewer_bounces(bracket)
@@ -348,11 +365,17 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
     last_m, last_q, last_f, last_y, best = m, q, 0.0, 0.0, math.inf
     j00, j01, j10, j11 = trial.jacobian
     steps, turns, code = 0, 0, wanted
+    away = _away_from_boundary(walls, course)
     for it in range(trial.most):
         ok, steps, turns, code = trace(s, walls, course, m, q, fine, ray)
         if not ok or code % 1024 != wanted % 1024 or (trial.exact and code != wanted):
             if math.isinf(best) and rule.fold != 0 and it < 20:
                 m = 0.5 * (m + bracket[inner, at.ANGLE])
+                continue
+            if math.isinf(best) and ok and away != 0.0 and it < _MAX_RETREATS:
+                wrong = max(abs(y[at.W] - course.target), INSET)
+                m += away * wrong / bracket[inner, at.SLOPE] * 2.0**it
+                q -= y[at.Y] / y[at.DY_DQ] if y[at.DY_DQ] > 0.0 else 0.0
                 continue
             if math.isinf(best):
                 break

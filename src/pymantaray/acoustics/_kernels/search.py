@@ -82,6 +82,9 @@ _WINDOW_WIDTH = 1e-6
 _EXIT_CHANGE = 0.3
 # rad; width down to which intervals that may contain a pair of rays about a caustic are divided
 _CAUSTIC_WIDTH = 1e-8
+# rad; width down to which changes of reflections are searched: between two rays to a receiver just
+# below the surface that reflect there before and after it
+_NARROWEST_EDGE = 1e-9
 _NARROWEST_LATE = 2e-3  # rad; width down to which `Search.late` applies
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its
 # size, and if this share times the error of the predicted turning depths exceeds the second number
@@ -680,7 +683,8 @@ def _gather(varies, course, search, asked, pending, tally, work):
         # the error of a ray may hide on which side of the receiver it passes
         nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
         doubtful = (crosses and h < _WEAK_WIDTH) or nearest < 4.0 * tol_here
-        if same and tol_here > fine and doubtful:
+        doubtful = doubtful and (same or (reflecting and h < _WEAK_WIDTH))
+        if tol_here > fine and doubtful:
             traced = _ask_finer(a, b, fine, asked, work)
         else:
             full = spent[k] >= budget or top + 2 * asked + 4 > st.shape[0]
@@ -752,11 +756,11 @@ def _put_back(course, asked, top, tally, fine, work):
             top = _put_halves(course.rule, a, ray, b, top, work)
             continue
         if kind == _FINER:
-            end = _end_to_move(a, b, ray, work.rays[2 * i + 1])
+            end, change = _end_to_move(a, b, ray, work.rays[2 * i + 1])
             copy_ray(ray, a)
             copy_ray(work.rays[2 * i + 1], b)
             if end >= 0:
-                _ask_beyond_root(a, b, end, fine, still, work)
+                _ask_beyond(a, b, end, change, fine, still, work)
                 work.nodes[int(b[at.INTERVAL])] += 1.0
                 rays += 1
                 still += 1
@@ -772,25 +776,27 @@ def _put_back(course, asked, top, tally, fine, work):
 @kernel
 def _end_to_move(a, b, finer_a, finer_b):
     """
-    Index of the interval's end that must be moved over the root, or -1.
+    Index of the interval's end that must be moved, or -1, and the change of its angle.
 
-    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it. A
-    root inside the interval remains there.
+    If the fine tolerance moved the root just beyond one end, or a change of reflections, the
+    adjacent interval may lack it. A root inside the interval remains there.
     """
     nearer = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
     end = finer_a if nearer == 0 else finer_b
-    over = -2.0 * end[at.MISS] / end[at.SLOPE]
+    over, h = -2.0 * end[at.MISS] / end[at.SLOPE], b[at.ANGLE] - a[at.ANGLE]
+    if a[at.CODE] != b[at.CODE] and finer_a[at.CODE] == finer_b[at.CODE]:
+        return (0, -h - abs(over)) if finer_a[at.CODE] != a[at.CODE] else (1, h + abs(over))
     lost = a[at.MISS] * b[at.MISS] < 0.0 < finer_a[at.MISS] * finer_b[at.MISS]
     outwards = over < 0.0 if nearer == 0 else over > 0.0
-    return nearer if lost and outwards and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
+    return nearer if lost and outwards and abs(over) < h else -1, over
 
 
 @kernel
-def _ask_beyond_root(a, b, end, fine, i, work):
-    """Ask for one end of an interval, 0 or 1, again at an angle beyond the root."""
+def _ask_beyond(a, b, end, change, fine, i, work):
+    """Ask for one end of an interval, 0 or 1, again at another angle."""
     ray = work.rays[2 * i]
     copy_ray(a if end == 0 else b, ray)
-    ray[at.ANGLE] -= 2.0 * ray[at.MISS] / ray[at.SLOPE]
+    ray[at.ANGLE] += change
     ray[at.TOL] = fine
     ray[at.GOOD] = WAITING
     work.rays[2 * i + 1, at.GOOD] = 0.0
@@ -978,9 +984,12 @@ def _judge(a, b, varies, course, search):
         return _SPLIT, False
     if reflecting and not same:
         believed = h < search.trust or min(abs(a[at.ANGLE]), abs(b[at.ANGLE])) > search.steep
-        return _EDGE if h < search.min_width or (
-            believed and _cannot_vanish(a, h) and _cannot_vanish(b, h)
-        ) else _SPLIT, False
+        tol = max(a[at.TOL], b[at.TOL])
+        sure = tol <= search.fine or min(abs(a[at.MISS]), abs(b[at.MISS])) > 4.0 * tol
+        edge = believed and sure and _cannot_vanish(a, h) and _cannot_vanish(b, h)
+        weak = min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
+        least = search.min_width if weak else min(search.min_width, _NARROWEST_EDGE)
+        return _EDGE if edge or h < least else _SPLIT, False
     if not alive:
         return _DROP if h < search.min_width else _SPLIT, False
     if not reflecting and _leave_water_alike(a, b, course.length):

@@ -22,6 +22,7 @@ from pymantaray.acoustics._kernels.cells import (
     solve_candidate,
 )
 from pymantaray.acoustics._kernels.curves import fits_curves
+from pymantaray.acoustics._kernels.layout import Accuracy
 from pymantaray.acoustics._kernels.refine import INSET, Launch, finish, refine_reflected, tube
 from pymantaray.acoustics._kernels.search import (
     Search,
@@ -42,6 +43,10 @@ _SPACING_LEGS = 0.13  # rad
 _OVERHANG = 0.08
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
 _LATE = 0.25  # of the course, see `Search`
+# m; the steps of rays to a receiver nearer to a boundary end at the levels: across a level, a step
+# has an error of centimetres that its estimate does not show
+_BESIDE = 0.5
+_SHARE_OF_GAP = 0.1  # of a receiver's distance from the boundaries: allowed error of its rays
 _TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 _SAME_ERRORS = 4.0  # tolerances of the rays' ends, for a ray of both fans
@@ -87,8 +92,7 @@ def add_reflected(s, walls, hunt, count, work):
     """
     Append all eigenrays with one or more allowed reflections to work.rows; return a `SearchResult`.
     """
-    horizontal = hunt.link.horizontal
-    reach = hunt.reach
+    horizontal, reach = hunt.link.horizontal, hunt.reach
     result = at.SearchResult(count, 0, 0, True)
     steepest = 0.5 * math.pi
     if horizontal > 1e-9:
@@ -102,6 +106,19 @@ def add_reflected(s, walls, hunt, count, work):
     if steepest > shallowest:
         result = _add_in_legs(s, walls, hunt, shallowest, result, work)
     return result
+
+
+@kernel
+def beside_boundary(accuracy, reach, link):
+    """Tolerances that show on which side of a reflection a ray to a receiver near it is."""
+    fine = min(accuracy.fine, _SHARE_OF_GAP * max(INSET, _gap(reach, link)))
+    return Accuracy(accuracy.coarse, fine, accuracy.miss)
+
+
+@kernel
+def _gap(reach, link):
+    """Distance of the receiver from the nearer boundary. [m]"""
+    return min(link.z1 - reach.top, reach.bed - link.z1)
 
 
 @kernel
@@ -126,7 +143,9 @@ def _add_forward(s, walls, hunt, steepest, result, work):
         at_bottom = reach.on_boundary > 0.0
         fold = mark_of(walls, link.horizontal, 0.0, at_bottom)
         fold_depth = reach.bed if at_bottom else reach.top
-    course = forward_course(link, hunt.bounces, 1, fold, link.z1 - reach.inset)
+    z_end = link.z1 - reach.inset
+    beside = s.kind == at.SMOOTH and _gap(reach, link) < _BESIDE
+    course = forward_course(link, hunt.bounces, 1, fold, z_end, beside)
     fan = aimed_at(course, fold_depth - link.z0)
     return _collect(s, walls, (course, fan), n + 2 * more, hunt.limit, hunt, result, work)
 

@@ -72,14 +72,14 @@ def direct_course(link, along_chord, cross):
 
 
 @kernel
-def forward_course(link, bounces, spare, fold, z_end):
+def forward_course(link, bounces, spare, fold, z_end, to_levels):
     """
     Course of rays along the horizontal to a depth, with at most these reflections at the surface
-    and at the sea bed.
+    and at the sea bed; with to_levels, the steps of a fan's rays end at the levels.
     """
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
     axis = at.Axis(link.z0, 1.0, 0.0, link.c0)
-    return Course(rule, axis, link.horizontal, z_end - link.z0, False, False)
+    return Course(rule, axis, link.horizontal, z_end - link.z0, to_levels, False)
 
 
 @kernel
@@ -108,10 +108,11 @@ def ray_axis(course):
 def course_to_levels(s, course):
     """
     Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a
-    SMOOTH section.
+    SMOOTH section; other courses stay as they are.
     """
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(course.rule, course.axis, course.length, course.target, able, course.cross)
+    to_levels = able or course.to_levels
+    return Course(course.rule, course.axis, course.length, course.target, to_levels, course.cross)
 
 
 @inlined

@@ -289,7 +289,8 @@ def _search(comparison: _Comparison, solver: Solver, base: SurveySolution) -> No
     # search the grid about the best, one parameter after the other
     parameters = ["sound speed"]
     if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
-        parameters = ["memory", "ratio", "sound speed", "shared", "memory", "ratio"]
+        several = ["shared"] if len(base.unknowns.survey.nodes) > 1 else []
+        parameters = ["memory", "ratio", "sound speed", *several, "memory", "ratio"]
     for name in parameters:
         now = comparison.best.model
         comparison.add(comparison.memories(now) if name == "sound speed" else _noises(now, name))
