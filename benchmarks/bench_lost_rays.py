@@ -1,5 +1,5 @@
 """
-Count the direct rays that the two-point solver loses at ranges to 30 km, and time it.
+Count the rays that the two-point solver loses at ranges to 30 km, and time it.
 
 Run with ``python benchmarks/bench_lost_rays.py [MEDIUM ...]``. The media are ``0`` to ``9``,
 synthetic water with several extrema of the sound speed that vary horizontally, and ``gulf``, the
@@ -9,7 +9,8 @@ three ways, whose tables list links by range:
 - By default, ``--links`` random links per medium are solved from one end, from the other
   (``canonical=False``), and as by default. A
   search loses a ray that another one finds. This needs no oracle, and counts no ray that all
-  searches lose.
+  searches lose. ``--bounces 1 --depth 0.01`` counts rays with a reflection at the surface, from a
+  depth of 1 cm.
 - ``--write LINKS.npz`` writes these links for `fans_on_gpu.py` and ends. ``--rays LINKS.npz
   RAYS.npz`` compares the solver with the result:
   fans of 131,072 rays in three dimensions, one from each end of each link. A ray counts as lost if
@@ -70,11 +71,13 @@ class Count(NamedTuple):
     seconds: float
 
 
-def solved(medium: Medium, links: Links, *, canonical: bool = True) -> tuple[Arrivals, float]:
+def solved(
+    medium: Medium, links: Links, bounces: int = 0, *, canonical: bool = True
+) -> tuple[Arrivals, float]:
     """Arrivals of links, and the CPU time of one thread."""
-    find_eigenrays(medium, links.source[:1], links.receiver[:1])  # compiles
+    find_eigenrays(medium, links.source[:1], links.receiver[:1], bounces)  # compiles
     start = time.process_time()
-    arrivals = find_eigenrays(medium, *links, canonical=canonical, threads=1)
+    arrivals = find_eigenrays(medium, *links, bounces, canonical=canonical, threads=1)
     return arrivals, time.process_time() - start
 
 
@@ -89,12 +92,12 @@ def count(
     return Count(links.distance, has_ray, arrivals.complete, lost, seconds)
 
 
-def both_ends(medium: Medium, links: Links) -> dict[str, Count]:
+def both_ends(medium: Medium, links: Links, bounces: int) -> dict[str, Count]:
     """Rays of links that a search loses and another one finds."""
     solutions = {
-        "from one end": solved(medium, links, canonical=False),
-        "from the other": solved(medium, links.exchanged(), canonical=False),
-        "by default": solved(medium, links),
+        "from one end": solved(medium, links, bounces, canonical=False),
+        "from the other": solved(medium, links.exchanged(), bounces, canonical=False),
+        "by default": solved(medium, links, bounces),
     }
     rays = {key: found_rays(arrivals) for key, (arrivals, _) in solutions.items()}
     counts = {}
@@ -207,6 +210,8 @@ def parsed() -> argparse.Namespace:
     )
     parser.add_argument("--links", type=int, default=900, help="random links per medium")
     parser.add_argument("--seed", type=int, default=1, help="of the random links")
+    parser.add_argument("--bounces", type=int, default=0, help="reflections at the surface")
+    parser.add_argument("--depth", type=float, metavar="METRES", help="of one end of all links")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--write", type=Path, metavar="LINKS.npz", help="only write the links")
     way.add_argument("--rays", type=Path, nargs=2, metavar=("LINKS.npz", "RAYS.npz"))
@@ -234,7 +239,9 @@ def main() -> None:
             counts = against_fans(medium, options.fans)
         else:
             links[name] = random_links(medium, options.links, [options.seed, MEDIA.index(name)])
-            counts = {} if options.write else both_ends(medium, links[name])
+            if options.depth is not None:
+                links[name].source[:, 2] = options.depth
+            counts = {} if options.write else both_ends(medium, links[name], options.bounces)
         for key, part in counts.items():
             results.setdefault(key, []).append(part)
             print_lost(f"{key}, {name}", part.lost)

@@ -43,7 +43,7 @@ def test_an_end_is_moved_only_outwards_over_a_root_beyond_it(root, moved, slope)
 
 
 @pytest.mark.parametrize(("codes", "moved"), [((2, 2), 0), ((1, 1), 1), ((1, 2), -1)])
-def test_an_end_is_moved_outwards_over_a_change_of_reflections_beyond_it(codes, moved):
+def test_an_end_is_moved_over_a_change_of_reflections(codes, moved):
     """Between two rough rays the reflections change; the accurate ones have these codes."""
     rough, fine = (
         [ray(angle, 5.0 + 1e3 * angle, 1e3) for angle in (-1e-3, 1e-3)] for _ in range(2)

@@ -85,6 +85,8 @@ _CAUSTIC_WIDTH = 1e-8
 # rad; width down to which changes of reflections are searched: between two rays to a receiver just
 # below the surface that reflect there before and after it
 _NARROWEST_EDGE = 1e-9
+_NARROWEST_ROUGH = 2e-4  # rad
+_ROUGH = 0.25  # of the rise of the miss, or of a ray tube in uniform water
 _NARROWEST_LATE = 2e-3  # rad; width down to which `Search.late` applies
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its
 # size, and if this share times the error of the predicted turning depths exceeds the second number
@@ -959,6 +961,17 @@ def _add_around(ray, fine, n, interval, work):
     return n
 
 
+@kernel
+def _is_rough(a, b, h, length):
+    """
+    True if the slopes of the miss at two rays and its rise between them differ by so much that rays
+    between them may have other reflections.
+    """
+    rise = b[at.MISS] - a[at.MISS]
+    defect = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
+    return defect > _ROUGH * max(abs(rise), length * h)
+
+
 @inlined
 def _judge(a, b, varies, course, search):
     """
@@ -973,7 +986,8 @@ def _judge(a, b, varies, course, search):
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
     same = alive and _same_code(a, b, rule.fold)
     if reflecting and same and a[at.CODE] * b[at.CODE] == 0.0:  # direct
-        return _DROP, same
+        hides = h > _NARROWEST_ROUGH and _is_rough(a, b, h, course.length)
+        return _SPLIT if hides else _DROP, same
     if a[at.GOOD] + b[at.GOOD] == 0.0 or (
         reflecting and _too_many_bounces(a, rule) and _too_many_bounces(b, rule)
     ):
