@@ -327,17 +327,20 @@ def write_cf(recording: Recording, folder: Path) -> None:
             f"{recording.name}: the run has no date or no geographic position, which CF"
             " trajectories need"
         )
+    # poses of each condition
     units = {**_UNITS, "time": f"seconds since {np.datetime_as_string(truth.start)}"}
     files: dict[str, list[VehiclePoses]] = {}
     for p in recording.poses:
         files.setdefault(p.condition, []).append(p)
     for condition, fleet in files.items():
+        # columns by vehicle; NaN where a trajectory is shorter
         columns = np.full((len(_VARIABLES), len(fleet), max(p.samples.size for p in fleet)), np.nan)
         for k, p in enumerate(fleet):
             local = Poses(
                 p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name
             )
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
+        # data set with attributes of CF
         data = xr.Dataset(
             {
                 "trajectory": (
