@@ -339,7 +339,13 @@ def write_cf(recording: Recording, folder: Path) -> None:
             local = Poses(
                 p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name
             )
-            columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
+            placed = geodetic(local, truth.frame)
+            turn = Rotation.from_quat(np.asarray(placed.quaternion), scalar_first=True).as_euler(
+                "ZYX", degrees=True
+            )
+            columns[:, k, : p.samples.size] = np.column_stack(
+                [placed.time, placed.place, turn[:, 0] % 360.0, turn[:, 1:]]
+            ).T
         # data set with attributes of CF
         data = xr.Dataset(
             {
@@ -364,11 +370,3 @@ def write_cf(recording: Recording, folder: Path) -> None:
         write_netcdf(
             data.set_coords(["time", "latitude", "longitude", "depth"]), folder / f"{condition}.nc"
         )
-
-
-def _columns(p: Poses) -> Array:
-    """Time, latitude, longitude, depth, heading, pitch and roll of poses (7, n). [s, degrees, m]"""
-    turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler(
-        "ZYX", degrees=True
-    )
-    return np.column_stack([p.time, p.place, turn[:, 0] % 360.0, turn[:, 1:]]).T
