@@ -226,6 +226,7 @@ def _bars(watch: Watch) -> Iterator[Report]:
     )
     from rich.text import Text
 
+    # a column of failures and remaining time, and a line below all bars
     class Left(ProgressColumn):
         def render(self, task: Task) -> Text:
             words = watch.failed(task.description), watch.left(task.description)
@@ -236,6 +237,7 @@ def _bars(watch: Watch) -> Iterator[Report]:
             yield self.make_tasks_table(self.tasks)
             yield Text(watch.rest())
 
+    # a bar for each stage, from its first report on
     columns = (
         TextColumn("{task.description:<14}"),
         BarColumn(),

@@ -327,17 +327,26 @@ def write_cf(recording: Recording, folder: Path) -> None:
             f"{recording.name}: the run has no date or no geographic position, which CF"
             " trajectories need"
         )
+    # poses of each condition
     units = {**_UNITS, "time": f"seconds since {np.datetime_as_string(truth.start)}"}
     files: dict[str, list[VehiclePoses]] = {}
     for p in recording.poses:
         files.setdefault(p.condition, []).append(p)
     for condition, fleet in files.items():
+        # columns by vehicle; NaN where a trajectory is shorter
         columns = np.full((len(_VARIABLES), len(fleet), max(p.samples.size for p in fleet)), np.nan)
         for k, p in enumerate(fleet):
             local = Poses(
                 p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name
             )
-            columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
+            placed = geodetic(local, truth.frame)
+            turn = Rotation.from_quat(np.asarray(placed.quaternion), scalar_first=True).as_euler(
+                "ZYX", degrees=True
+            )
+            columns[:, k, : p.samples.size] = np.column_stack(
+                [placed.time, placed.place, turn[:, 0] % 360.0, turn[:, 1:]]
+            ).T
+        # data set with attributes of CF
         data = xr.Dataset(
             {
                 "trajectory": (
@@ -361,11 +370,3 @@ def write_cf(recording: Recording, folder: Path) -> None:
         write_netcdf(
             data.set_coords(["time", "latitude", "longitude", "depth"]), folder / f"{condition}.nc"
         )
-
-
-def _columns(p: Poses) -> Array:
-    """Time, latitude, longitude, depth, heading, pitch and roll of poses (7, n). [s, degrees, m]"""
-    turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler(
-        "ZYX", degrees=True
-    )
-    return np.column_stack([p.time, p.place, turn[:, 0] % 360.0, turn[:, 1:]]).T

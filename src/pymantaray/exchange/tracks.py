@@ -402,6 +402,7 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", p.name).strip("_")[:_MAX_NAME_LENGTH] or "vehicle"
     if name != p.name:
         notes.append(f"{who}: renamed to {name}")
+    # poses in order of time, without repeated times
     if p.time.size:
         p = _possible(p, notes)
     p = p.rows(np.argsort(p.time, kind="stable"))
@@ -412,10 +413,26 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         dropped = counted(int(np.count_nonzero(~first)), "pose")
         notes.append(f"{who}: {dropped} at repeated times dropped")
     p = p.rows(first)
-    time = p.time
-    place = np.array(p.place, dtype=float)
-    if time.size < 2:
-        raise ExchangeError(f"{who}: {counted(time.size, 'pose')}; a trajectory needs at least two")
+    if p.time.size < 2:
+        raise ExchangeError(
+            f"{who}: {counted(p.time.size, 'pose')}; a trajectory needs at least two"
+        )
+    # depths below the surface, a possible speed, and quaternions of length 1
+    place = _in_water(p.place, who, notes)
+    if p.time.dtype.kind != "M":
+        metres = place
+        if p.geodetic:  # to a percent
+            east = _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
+            east *= np.cos(np.radians(place[0, 0]))
+            metres = np.column_stack([_M_PER_DEGREE * place[:, 0], east, place[:, 2]])
+        check_speed(p.time, metres, f"{who}: time", ExchangeError)
+    quaternion = None if p.quaternion is None else _normalized(p.quaternion, who)
+    return p._replace(name=name, place=place, quaternion=quaternion)
+
+
+def _in_water(place: Array, who: str, notes: list[str]) -> Array:
+    """Finite positions with depths of a sea; those just above the surface move to it."""
+    place = np.array(place, dtype=float)
     if not np.isfinite(place).all():
         raise ExchangeError(
             f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is"
@@ -439,25 +456,20 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
             f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface"
         )
         place[above, 2] = 0.0
-    if time.dtype.kind != "M":
-        metres = place
-        if p.geodetic:  # to a percent
-            east = _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
-            east *= np.cos(np.radians(place[0, 0]))
-            metres = np.column_stack([_M_PER_DEGREE * place[:, 0], east, place[:, 2]])
-        check_speed(time, metres, f"{who}: time", ExchangeError)
-    quaternion = None
-    if p.quaternion is not None:
-        quaternion = np.array(p.quaternion, dtype=float)
-        with np.errstate(over="ignore"):
-            length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
-        if not (np.abs(length - 1.0) < 0.1).all():
-            row = int(np.argmax(~(np.abs(length[:, 0] - 1.0) < 0.1)))
-            raise ExchangeError(
-                f"{who}: the quaternion of pose {row} has length {length[row, 0]:g}; it must be 1"
-            )
-        quaternion /= np.where(np.abs(length - 1.0) < 1e-12, 1.0, length)
-    return p._replace(name=name, time=time, place=place, quaternion=quaternion)
+    return place
+
+
+def _normalized(quaternion: Array, who: str) -> Array:
+    """Quaternions of length 1 from those of about this length; rounding alone changes nothing."""
+    quaternion = np.array(quaternion, dtype=float)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    if not (np.abs(length - 1.0) < 0.1).all():
+        row = int(np.argmax(~(np.abs(length[:, 0] - 1.0) < 0.1)))
+        raise ExchangeError(
+            f"{who}: the quaternion of pose {row} has length {length[row, 0]:g}; it must be 1"
+        )
+    return np.asarray(quaternion / np.where(np.abs(length - 1.0) < 1e-12, 1.0, length))
 
 
 def _local(p: Poses, frame: LocalFrame) -> Poses:

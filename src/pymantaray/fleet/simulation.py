@@ -138,6 +138,12 @@ def simulate(
     # kernels release the GIL, and vehicles do not affect each other
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         _ = list(pool.map(run, range(len(vehicles))))
+    centre: tuple[float, float] | None = None
+    if "centre_latitude_deg" in ocean.attrs:
+        centre = (
+            float(ocean.attrs["centre_latitude_deg"]),
+            float(ocean.attrs["centre_longitude_deg"]),
+        )
     return Trajectories(
         name=np.array(names),
         role=np.array([vehicle.behaviour.role for vehicle in vehicles]),
@@ -146,7 +152,7 @@ def simulate(
         quaternion=quaternion,
         status=status,
         start=ocean.attrs.get("time", "NaT") if start is None else start,
-        centre=_centre(ocean),
+        centre=centre,
     )
 
 
@@ -166,13 +172,6 @@ def _refusals(
             check_step(vehicle, physics_step, water)
         except FleetError as error:
             yield error
-
-
-def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
-    """Latitude and longitude of the centre of the ocean's frame, or None. [degrees]"""
-    if "centre_latitude_deg" not in ocean.attrs:
-        return None
-    return float(ocean.attrs["centre_latitude_deg"]), float(ocean.attrs["centre_longitude_deg"])
 
 
 def _counts(duration: float, physics_step: float, sampling_period: float) -> tuple[int, int]:

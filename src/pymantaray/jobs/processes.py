@@ -144,7 +144,8 @@ class Workers:
             _COMMAND,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=_environment(),
+            # threadpoolctl sets the first variable when it is imported, in either process
+            env={"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1"),
             process_group=0,  # only the parent receives Ctrl-C
         )
         self._processes.append(process)
@@ -160,15 +161,6 @@ class Workers:
         self._pool.shutdown(cancel_futures=True)
         for process in self._processes:
             process.communicate()
-
-
-def _environment() -> dict[str, str]:
-    """
-    Environment of a process.
-
-    threadpoolctl sets the first variable when it is imported, in either process.
-    """
-    return {"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1")
 
 
 def _send(process: subprocess.Popen[bytes], message: object) -> None:

@@ -300,6 +300,7 @@ def cast_of_table(
     table = _with_salinity(table, lat)
     instant, notes = cast_time(table) if time is None else (parse_instant(time), [])
     notes = [*table.notes, *notes]
+    # temperature and salinity, which may be packed
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
     numbers = np.concatenate(values)
@@ -311,6 +312,7 @@ def cast_of_table(
             for raw in values
         ]
         notes.append("packed integers of the NetCDF Subset Service unpacked: times 0.001 plus 20")
+    # in-situ temperature and practical salinity at their depths
     depth, depth_notes = cast_depth(table, lat)
     notes += depth_notes
     with np.errstate(all="ignore"):  # impossible rows are dropped below

@@ -93,6 +93,7 @@ def correct_with_casts(
     >>> print(change.sel(lat=78.0, lon=[0.0, 0.4], method="nearest").values.round(2))
     [2.44 1.58]
     """
+    # check ocean, casts and scales
     validate_ocean(ocean)
     scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)
     if not casts:
@@ -105,16 +106,19 @@ def correct_with_casts(
     for name, value in (positive | {"time_scale": time_scale}).items():
         if value is not None and not value > 0.0:
             raise OceanError(f"casts: {name} is {value:g}; it must be positive")
+    # positions and times in units of the scales
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
     frame = Window.of(ocean).frame
     grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
     x = np.stack(frame.to_local([c.lat for c in casts], [c.lon for c in casts]), axis=-1) / scale
     t = np.zeros(len(casts)) if time_scale is None else _ages(ocean, casts) / time_scale
+    # correlations, differences and their increment
     with np.errstate(over="ignore"):  # the correlation is 0 at very large distances
         between = np.exp(-0.5 * (np.sum((x[:, None] - x) ** 2, axis=-1) + (t[:, None] - t) ** 2))
         to_grid = np.exp(-0.5 * (np.sum((grid[:, :, None] - x) ** 2, axis=-1) + t**2))
         differences = np.stack([_difference(ocean, cast, vertical_scale) for cast in casts])
     increment = _increment(differences, between + noise_ratio * np.eye(len(casts)), to_grid)
+    # temperature and salinity with the increment
     corrected = ocean.copy()
     for k, name in enumerate(_TRACERS):
         corrected[name] = ocean[name].copy(
@@ -126,6 +130,7 @@ def correct_with_casts(
         raise OceanError(
             f"casts: the corrected ocean is invalid: {error}; check units and noise_ratio"
         ) from None
+    # history: scales, differences and new inversions
     rms = np.sqrt(np.nanmean(differences**2, axis=(0, 1)))
     span = f"{scale[0] / 1e3:g} km" + (
         f" north by {scale[1] / 1e3:g} km east" if scale[0] != scale[1] else ""

@@ -149,9 +149,13 @@ class LocalGrid:
         Local grid over a domain with half sides [m] inside the window of grid points; arguments as
         for `to_local`.
         """
-        finer = None if sea_floor is None else local_floor(sea_floor, window, half)
-        added = np.empty(0) if finer is None else levels_to(points.depth, float(finer.max()))
-        return cls(points, window, *_axes(window, half), finer, added, _notes(finer))
+        axes = _axes(window, half)
+        if sea_floor is None:
+            return cls(points, window, *axes, None, np.empty(0), {})
+        finer = local_floor(sea_floor, window, half)
+        added = levels_to(points.depth, float(finer.max()))
+        notes = {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
+        return cls(points, window, *axes, finer, added, notes)
 
     @property
     def depth(self) -> Array:
@@ -333,7 +337,14 @@ def floor_in_domain(
 
 
 def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
-    north, east = (_axis(h, step) for h, step in zip(half, window.native_spacing(), strict=True))
+    """
+    Nodes from -half to half, with one at the centre and a spacing close to the native spacing.
+    """
+    cells = [
+        max(MIN_CELLS, round(h / step))
+        for h, step in zip(half, window.native_spacing(), strict=True)
+    ]
+    north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half, cells, strict=True))
     return north, east
 
 
@@ -347,23 +358,8 @@ def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Arra
     return np.clip(floor, own.min(), own.max())  # rounding must not put it below the deepest level
 
 
-def _notes(finer: xr.DataArray | None) -> dict[str, object]:
-    """Attributes that describe a separate sea floor."""
-    if finer is None:
-        return {}
-    return {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
-
-
 def _attrs(standard_name: str, units: str) -> dict[str, str]:
     return {"standard_name": standard_name, "units": units}
-
-
-def _axis(half: float, spacing: float) -> Array:
-    """
-    Nodes from -half to half, with one at the centre and a spacing close to the native spacing.
-    """
-    cells = max(MIN_CELLS, round(half / spacing))
-    return np.linspace(-half, half, 2 * cells + 1)
 
 
 class TensorSpline:

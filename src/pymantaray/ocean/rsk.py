@@ -77,6 +77,7 @@ def _check(path: Path) -> None:
     Raise an error for a database that is too large, contains computed values, or has a name that
     SQLite would misread.
     """
+    # name and size of the file
     if set("?#%") & set(str(path)):
         raise OceanError(
             f"{path}: the name contains ?, # or %, which SQLite misreads; rename the file"
@@ -84,6 +85,7 @@ def _check(path: Path) -> None:
     check_regular(path, OceanError, what="an .rsk file", limit=MAX_BYTES)
     try:
         with closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)) as database:
+            # contents that SQLite would compute
             computed = database.execute(
                 "SELECT name FROM sqlite_master WHERE type = 'view' OR sql LIKE 'CREATE VIRTUAL%'"
                 " LIMIT 1"
@@ -106,6 +108,7 @@ def _check(path: Path) -> None:
                     f"{path}: {one_line(computed[0], 40)} is a view, a virtual table or a generated"
                     " column, which .rsk files do not have; export the cast as text with Ruskin"
                 )
+            # tables and number of values
             if not {"channels", "data"} <= set(tables):
                 raise OceanError(
                     f"{path}: a database without the tables channels and data of an .rsk file; use"

@@ -272,6 +272,7 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
     if name not in ocean.coords:
         yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "add or rename it")
         return
+    # unit, dimensions and type
     axis = ocean[name]
     yield from _unit(axis, _AXES[name], "convert the axis")
     if axis.dims != (name,) or not np.issubdtype(axis.dtype, np.number):
@@ -282,6 +283,7 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
             "rebuild the axis",
         )
         return
+    # number of points, their order, and depths
     values = np.asarray(axis.values, dtype=float)
     if values.size < MIN_POINTS[name]:
         yield wrong(
@@ -310,6 +312,7 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
         yield wrong(
             "axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m"
         )
+    # latitudes and longitudes
     finite = values[np.isfinite(values)]
     if name == "lat" and np.abs(finite).max(initial=0.0) > 90.0:
         yield wrong(
@@ -338,6 +341,7 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
     if v.name not in ocean.data_vars:
         yield wrong("variable missing", "no such variable", v.standard_name, "add it")
         return
+    # unit, dimensions and type
     field = ocean[v.name]
     if not str(field.attrs.get("units", "")).strip():
         yield Finding("doubtful", "units", "not stated", v.units, "state them", v.name)
@@ -352,6 +356,7 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
     if not np.issubdtype(field.dtype, np.number):
         yield wrong("type", str(field.dtype), "numbers", "rebuild the variable")
         return
+    # missing, infinite and impossible values
     values = np.asarray(field.values, dtype=float)
     finite = np.isfinite(values)
     if np.isinf(values).any():

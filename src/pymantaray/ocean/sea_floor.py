@@ -187,12 +187,14 @@ def local_floor(
             f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; it must have"
             " (lat, lon) with at least 2 points each, as open_sea_floor returns it"
         )
+    # spacing of the file, or of the window if that is finer
     theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
     spacing = theirs.native_spacing()
     step = spacing
     native = window.native_spacing()
     if np.sqrt(np.prod(spacing)) > _SAME_SPACING * np.sqrt(np.prod(native)):  # a coarser file
         step = (min(spacing[0], native[0]), min(spacing[1], native[1]))
+    # the file must cover the domain
     name = str(sea_floor.attrs.get("source", "sea_floor"))
     if not theirs.holds(*half_extent):
         lat = theirs.lat
@@ -202,6 +204,7 @@ def local_floor(
             f" {lon[-1]:g}, not the domain of +-{half_extent[0] / 1e3:g} km by"
             f" +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
         )
+    # a larger spacing if there would be too many nodes
     wider = 1.0
     while True:
         cells = [
@@ -211,6 +214,7 @@ def local_floor(
             break
         wider *= 1.1
     north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half_extent, cells, strict=True))
+    # means of the file over a larger spacing
     depth = np.asarray(sea_floor.values, dtype=float)
     source = f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m"
     points = 2 * int(0.5 * wider * min(step[0] / spacing[0], step[1] / spacing[1])) + 1
@@ -223,6 +227,7 @@ def local_floor(
             f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at"
             f" most {MAX_FLOOR_NODES:,} are kept, mean of {points} by {points} points"
         )
+    # depths of the nodes
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
     if nodes.max() <= 0.0:
@@ -418,6 +423,7 @@ class HorizontalField(NamedTuple):
 
 def _field_of(data: xr.Dataset) -> HorizontalField:
     """Variable of the sea floor on two horizontal axes, by standard name or otherwise by name."""
+    # variables of a sea floor on horizontal axes
     where = file_name(data)
     by_standard_name: list[HorizontalField] = []
     by_name: list[HorizontalField] = []
@@ -433,6 +439,7 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
             data, str(name), *axes, stated if stated in ("up", "down") else usual
         )
         (by_standard_name if known else by_name).append(field)
+    # there must be one, in metres
     fields = by_standard_name or by_name
     if len(fields) > 1:
         names = ", ".join(field.name for field in fields)
@@ -442,6 +449,7 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
         if unit and not is_our_unit("length", unit):
             raise OceanError(f"{where}: {fields[0].name} is in {unit!r}; it must be in metres")
         return fields[0]
+    # without one, say what the file contains
     if (
         "spacing" in data.variables
         and len(data.variables.get("z", data.variables["spacing"]).dims) == 1

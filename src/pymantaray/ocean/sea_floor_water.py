@@ -37,16 +37,19 @@ def in_water(
     from the points around them.
     """
     notes: list[str] = []
+    # axes and depths of the ocean's water, by the file's longitudes
     axes = [np.asarray(ocean[axis].values, dtype=float) for axis in ("lat", "lon")]
     apart = 0.5 * (lon[0] + lon[-1] - axes[1][0] - axes[1][-1])
     axes[1] = axes[1] + 360.0 * np.round(apart / 360.0)
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     water = np.asarray(ocean["depth"].values, dtype=float)[np.maximum(levels, 1) - 1]
     nearest = np.ix_(*(_nearest(own, at) for own, at in zip(axes, (lat, lon), strict=True)))
+    # gaps that reach the edge
     outside = _reaching_the_edge(np.isnan(depth))
     if outside.any():
         depth, note = _with_own(depth, outside, (lat, lon), (axes[0], axes[1]), own)
         notes.append(note)
+    # gaps inside
     gaps = np.isnan(depth) & (levels[nearest] > 0)
     if gaps.any():
         count = int(np.count_nonzero(gaps))
@@ -58,6 +61,7 @@ def in_water(
         depth = depth.copy()
         depth[gaps] = _from_around(depth, gaps)
     depth = np.nan_to_num(depth)
+    # land, or depths that do not match those of the ocean
     ratio = _ratio(depth, (lat, lon), water, (axes[0], axes[1]))
     deep = water[nearest] > min(_SHORE, 0.5 * water.max())
     land = f"{np.count_nonzero(deep & (depth <= 0.0))} of {np.count_nonzero(deep)} points where the"

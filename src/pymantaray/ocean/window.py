@@ -87,6 +87,7 @@ def select(
     them. Latitudes [degrees] may increase or decrease; longitudes may have any convention.
     ``where`` is the file for messages.
     """
+    # check the axes
     for name, axis, bound in (("latitude", lat, 90.0), ("longitude", lon, _TURNS)):
         if axis.size == 0 or not np.all(np.isfinite(axis)):
             raise OceanError(f"{where}: {name} is empty or has missing values; correct the axis")
@@ -98,6 +99,7 @@ def select(
     steps = np.diff(lat)
     if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
         raise OceanError(f"{where}: latitude is not monotonic; sort it and drop duplicates")
+    # rows and columns of the window
     if window is None:
         rows = np.arange(lat.size)
         columns, rising = contiguous(lon)
@@ -120,10 +122,12 @@ def select(
                 f" longitude {west:g} to {east:g}; the data cover latitude {lat.min():g} to"
                 f" {lat.max():g} and longitude {lon.min():g} to {lon.max():g}; change the window"
             )
+    # blocks to read
     stored = np.sort(columns)
     runs = np.split(stored, np.flatnonzero(np.diff(stored) != 1) + 1)
     if len(runs) > _MAX_BLOCKS:  # unordered longitudes: read all between the outermost
         runs = [np.arange(stored[0], stored[-1] + 1)]
+    # the selected points must have no gap
     for name, axis in (("latitude", lat[rows]), ("longitude", rising)):
         gaps = np.abs(np.diff(axis))
         if gaps.size and gaps.max() > _WIDEST_STEP * np.median(gaps):
@@ -132,6 +136,7 @@ def select(
                 f"{where}: {name} has a gap from {axis[i]:g} to {axis[i + 1]:g}, and steps of"
                 f" {np.median(gaps):g} elsewhere; select one side with a window"
             )
+    # rows of decreasing latitude are read upside down
     falling = bool(steps.size and steps[0] < 0.0)
     inside = lat[rows[0] : rows[-1] + 1]
     return Selection(

@@ -151,6 +151,7 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
     for _ in range(MAX_STEPS):
         if pos >= length:
             break
+        # a step, again with a smaller width if its error is too large
         last = pos + h * (1.0 + 1e-12) >= length
         if last:
             h = length - pos
@@ -168,6 +169,7 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
             stuck += 1
             if stuck > MAX_STUCK:
                 break
+        # an accepted step: its state, its events and the next width
         pos = length if last else pos + h
         h *= min(4.0, 0.75 * math.sqrt(math.sqrt(most / error))) if error > 0.0 else 5.0
         if _tube(y) * _tube(ray.ynew) < 0.0:

@@ -288,6 +288,7 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
         h = b[at.TIME] - a[at.TIME]
         if h <= 0.0:
             continue
+        # slopes in time at both ends, and the Bezier points of the depth
         n0 = a[at.P_RANGE] ** 2 + a[at.P_DEPTH] ** 2 + a[at.P_SIDE] ** 2
         n1 = b[at.P_RANGE] ** 2 + b[at.P_DEPTH] ** 2 + b[at.P_SIDE] ** 2
         r0, r1, dr0, dr1 = a[at.RANGE], b[at.RANGE], a[at.P_RANGE] / n0, b[at.P_RANGE] / n1
@@ -295,12 +296,14 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
         middle0, middle1 = z0 + h * dz0 / 3.0, z1 - h * dz1 / 3.0
         if top < min(z0, z1, middle0, middle1) and max(z0, z1, middle0, middle1) < low:
             continue
+        # edges of cells that the step crosses
         extra = 0
         first = 0
         while first < walls.n_breaks and breaks[first] <= min(r0, r1):
             first += 1
         while first + extra < walls.n_breaks and breaks[first + extra] < max(r0, r1):
             extra += 1
+        # samples: nine points, edges, turning point and vertex
         turning = dz0 * dz1 < 0.0
         before, last, vertex, nearest = math.inf, math.inf, -1.0, math.inf
         for j in range(9 + extra + 2):
@@ -314,6 +317,7 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
                 t = vertex
             else:
                 continue
+            # distances there, with the share of the miss
             share = (a[at.TIME] + t * h) / path[steps, at.TIME]
             r = cubic(t, h, r0, dr0, r1, dr1) - share * miss_r
             z = cubic(t, h, z0, dz0, z1, dz1) - share * miss_z
@@ -323,6 +327,7 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
             bed = _bilinear(walls.bed, walls.line, bilinear_weights(walls.bed, n, e, n, e), 1.0)[0]
             gap = bed - z
             above_bottom = min(above_bottom, gap)
+            # vertex of the parabola through the lowest of the nine points
             if j < 9:
                 if j > 1 and before + gap > 2.0 * last:
                     shift = 0.5 * (before - gap) / (before - 2.0 * last + gap)

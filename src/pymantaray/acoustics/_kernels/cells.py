@@ -113,6 +113,7 @@ def add_neighbours(walls, n, launch, counts, generation, work):
     )
     n_e = grid.east.size
     bed = hold(walls, 0.0)
+    # start from the cells of the ray
     for j in range(counts % 32):
         cells[at.TRIED, j] = cells[at.LANDED, j]
     bounce, i = 0, 0
@@ -123,10 +124,12 @@ def add_neighbours(walls, n, launch, counts, generation, work):
         own = int(cells[at.LANDED, bounce])
         r, y = path[i, at.RANGE], path[i, at.SIDE]
         north, east = place_at(walls.line, r, y)
+        # lever: shift of the reflection by a change of the bed's slope
         before, after = path[i, at.TIME], path[steps, at.TIME] - path[i, at.TIME]
         lever = before * after / (before + after) / max(abs(path[i, at.P_DEPTH]), 0.1)
         cells[at.HELD, 0] = own
         _, f_r, f_y, _, _ = bed_at(bed, r, y, r)
+        # neighbours within the shift by their slope
         for k in range(9):
             i_n, i_e = own // n_e + k // 3 - 1, own % n_e + k % 3 - 1
             inside = 0 <= i_n < max(grid.north.size - 1, 1) and 0 <= i_e < max(n_e - 1, 1)

@@ -698,6 +698,7 @@ def walk(s, walls, course, way, start, ray):
     for _ in range(_MAX_PARTS):
         if not ok or 0 < room < count + 1:
             break
+        # the next face ahead, or the end depth of the last leg
         down, z = state.sine > 0.0, state.depth
         piece, face = ahead(s, k, state, *edge)
         if legs and reflections.surface + reflections.bottom == rule.legs - 1:
@@ -709,6 +710,7 @@ def walk(s, walls, course, way, start, ray):
             k += 1 if down else -1
             ok = -_PIECES_BEYOND < k < s.depth.size + _PIECES_BEYOND
             continue
+        # one leg to the face, or to the end of the course before it
         leg, before, share = next_leg(piece, way, state, face), state, 1.0
         state = end_of(piece, way, before, leg)
         ended = not (legs or state.range < course.length)
@@ -724,6 +726,7 @@ def walk(s, walls, course, way, start, ray):
         old, xi = xi, y[at.XI] if ended else divergence(way, state)
         y[at.GROWN] = max(y[at.GROWN], abs(xi))
         y[at.CAUSTICS_PASSED] += 1.0 if full and old * xi < 0.0 else 0.0
+        # reflection at the surface or the bed
         hit = at.IN_WATER
         if not ended and state.sine < 0.0 and state.depth == edge[0] and z > edge[0]:
             hit = at.AT_SURFACE

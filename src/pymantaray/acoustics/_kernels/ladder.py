@@ -105,10 +105,12 @@ def put_ladder(s, walls, course, work):
         return
     level_bed = s.kind == at.LINEAR and s.layered != at.DEEPER
     beyond = _LAYERS_BEYOND[0] if level_bed else _LAYERS_BEYOND[1]
+    # first the levels above the source, then those below it
     for side in range(2):
         first, k, least = i, layer_of(s, z_source), 0.0
         state = State(z_source, c_ref, 2.0 * side - 1.0, 0.0, 0.0, 0.0)
         while i < ladder.shape[1] - 2:
+            # row of a level, with the least drop so far
             z, c = state.depth, state.speed
             ladder[_DEPTH, i], ladder[_SPEED, i] = z, c
             ladder[_DROP, i] = (c_ref - c) * (c_ref + c)
@@ -116,12 +118,14 @@ def put_ladder(s, walls, course, work):
             ladder[_LEAST, i] = least
             if side == 0 and z == edge[0]:
                 sizes[5] = i - first
+            # the next layer that does not end at the level
             piece, face = ahead(s, k, state, *edge)
             while face == z and -beyond < k < s.depth.size - 2 + beyond:
                 k += -1 if side == 0 else 1
                 piece, face = ahead(s, k, state, *edge)
             if face == z or (z == edge[side] and course.rule.kind == at.FORWARD):
                 break
+            # row of the layer, to its end or to its extremum
             end = monotonic_end(piece, z, face)
             c_end = speed_in(piece, end)[0]
             ladder[_PIECE, i], ladder[_WEIGHT, i] = k, abs(end - z) * (c + c_end)

@@ -468,6 +468,7 @@ def _end(section, course, tally, bounces, settings, i, work, results):
     n, margin, rays, complete, resolved = tally
     info = results.info[i]
     accuracy, weak_slope = _tolerances(s, link, settings)
+    # direct eigenrays
     own = (
         Accuracy(accuracy.coarse, _FINER * accuracy.fine, accuracy.miss)
         if course.cross
@@ -476,6 +477,7 @@ def _end(section, course, tally, bounces, settings, i, work, results):
     count, through_surface, blocked, weak = _keep_direct(
         s, walls, link, (n, course), (settings.cutoff_db, weak_slope), own, work
     )
+    # reflected eigenrays
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None, Numba omits this branch
         variation = speed_extremes(s, work.extremes)
         limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
@@ -494,12 +496,14 @@ def _end(section, course, tally, bounces, settings, i, work, results):
         weak += more_weak
         rays += more_rays
         complete = complete and all_there
+    # margin and completeness of the search
     info[at.MARGIN] = 0.0 if count > 0 else margin
     info[at.RAYS] = rays
     info[at.COMPLETE] = 1.0 if complete else 0.0
     if resolved == FROM_ONE_END and (count == 0 or link.horizontal <= _FAR):
         resolved = 1.0
     info[at.RESOLVED] = resolved if complete else 0.0
+    # the eigenrays, or the reason why there is none
     if count > 0:
         sort_rows(work.rows, count)
         results.status[i] = OK

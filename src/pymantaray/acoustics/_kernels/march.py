@@ -492,6 +492,7 @@ def _relay(flights, n_links, rows):
     for lane in range(WIDTH):
         if rows[_DONE, lane] == 0.0:
             continue
+        # an empty lane traces a ray that nobody needs
         if rows[_RAY, lane] < 0.0:
             _start(0.0, 0.0, rows, lane)
             continue
@@ -499,6 +500,7 @@ def _relay(flights, n_links, rows):
         link = flights.links[k]
         node = flights.rays[k, int(rows[_RAY, lane])]
         if rows[_DONE, lane] == _COME:
+            # a ray that needs a smaller tolerance starts again
             crosses = rows[_CROSS, lane] > 0.0
             if crosses:
                 _end_in_plane(node, rows, lane)
@@ -515,6 +517,7 @@ def _relay(flights, n_links, rows):
             if left == 0.0 and again(miss, node[at.TOL], grown, expected, True):
                 _launch(node, grown, 1.0, rows, lane)
                 continue
+            # a finished ray writes its node
             node[at.MISS], node[at.SLOPE] = miss, rows[at.XI, lane]
             node[at.SLOWNESS], node[at.SLOWNESS_SLOPE] = rows[at.P, lane], rows[at.ETA, lane]
             node[at.GOOD], node[at.CODE], node[at.LEFT] = 1.0, 0.0, left
@@ -522,10 +525,12 @@ def _relay(flights, n_links, rows):
             node[at.TOP], node[at.TOP_RATE] = rows[_TOP, lane], rows[_TOP_RATE, lane]
             node[at.LOW], node[at.LOW_RATE] = rows[_LOW, lane], rows[_LOW_RATE, lane]
             node[at.GROWTH] = grown
+        # the search of the link waits for one ray less
         if _is_awaited(rows[_RAY, lane]):
             link[at.FLIGHT_PENDING] -= 1.0
             ready += 1 if link[at.FLIGHT_PENDING] == 0.0 else 0
             ended += 1
+        # the lane takes a waiting ray, else one ahead, else none
         rows[_RAY, lane] = -1.0
         for following in (at.FLIGHT_NEXT, at.AHEAD_NEXT):
             if rows[_RAY, lane] < 0.0:
@@ -677,6 +682,7 @@ def march(domain, flights, n_links, across, data):
     running, ready = _fill(flights, n_links, rows), 0
     state, pos, h, gone, grown = _loaded(rows)
     while running == WIDTH or (running > 0 and ready == 0):
+        # one step of all lanes, and where it is accepted
         length, levels = load(rows, _SPAN), load(rows, _LEVELS) > 0.0
         left = length - pos
         last = left < h * (1.0 + 1e-12)
@@ -686,6 +692,7 @@ def march(domain, flights, n_links, across, data):
             rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), across, levels
         )
         failed = h < 1e-9 * length
+        # accepted lanes move on
         state = (
             choose(good, w, state[0]),
             choose(good, p, state[1]),
@@ -701,12 +708,14 @@ def march(domain, flights, n_links, across, data):
                 )
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
+        # the next step ends at a level; extremes up to here
         source = load(rows, _SOURCE)
         if any_lane(levels):
             ahead = _to_level(domain, state[0] + source, load(rows, _SLOPES))
             h = choose(levels & (ahead < h), ahead, h)
         grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
         _note_extremes(rows, state, across)
+        # rays that leave through the surface
         above = (state[0] < lowest - source) & (gone < 1e-300) & good
         if any_lane(above):
             if not flat:
@@ -716,6 +725,7 @@ def march(domain, flights, n_links, across, data):
                 above = load(rows, _DONE) > 0.0
             back = _exit(rows, above, state, lowest - source, across)
             gone = choose(above, pos + back, gone)
+        # lanes with a finished or failed ray take the next one
         done = choose(good & last, _COME, choose(failed, _FAILED, 0.0))
         if any_lane(done > 0.0):
             _stored(rows, state, pos, h, gone, grown)

@@ -98,6 +98,7 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
             counts[i] = 1
             n += 1
             continue
+        # trace from the end of the launch
         turned = launch[i, 3] > 0.0
         a = 1 if turned else 0
         start, end = ends[i, a], ends[i, 1 - a]
@@ -105,6 +106,7 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
         counts[i] = 0
         if not ok:
             continue
+        # nodes from source to receiver, with times since the source
         m = min(steps + 1, work.path.shape[0])
         line = _line(start, end)
         for j in range(m):
@@ -117,6 +119,7 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
                 nodes[j, at.NODE_TIME] = times[i] - nodes[j, at.NODE_TIME]
                 for k in range(3):
                     nodes[j, at.NODE_SLOWNESS + k] = -nodes[j, at.NODE_SLOWNESS + k]
+        # the path ends exactly at source and receiver
         for k in range(3):
             nodes[n, at.NODE_POSITION + k] = ends[i, 0, k]
             nodes[n + m - 1, at.NODE_POSITION + k] = ends[i, 1, k]

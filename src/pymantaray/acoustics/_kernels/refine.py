@@ -368,6 +368,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
     away = _away_from_boundary(walls, course)
     for it in range(trial.most):
         ok, steps, turns, code = trace(s, walls, course, m, q, fine, ray)
+        # a failed ray, or one with other reflections: try another launch
         if not ok or code % 1024 != wanted % 1024 or (trial.exact and code != wanted):
             if math.isinf(best) and rule.fold != 0 and it < 20:
                 m = 0.5 * (m + bracket[inner, at.ANGLE])
@@ -393,6 +394,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
         if it > 0 and d2 == 0.0:  # no more digits
             near = max(abs(f), abs(side)) < 1e3 * miss
             return Launch(near, m, q, steps, turns), (j00, j01, j10, j11), code
+        # Broyden's update; a new jacobian if there is none or the ray is worse
         if not math.isinf(best) and abs(f) + abs(side) <= 4.0 * best:
             e0 = (f - last_f - j00 * dm - j01 * dq) / d2
             e1 = (side - last_y - j10 * dm - j11 * dq) / d2
@@ -407,6 +409,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
         det = j00 * j11 - j01 * j10
         if det == 0.0:
             break
+        # Newton's step, with a limit
         last_m, last_q, last_f, last_y = m, q, f, side
         dm = -(j11 * f - j01 * side) / det
         dq = -(j00 * side - j10 * f) / det

@@ -188,6 +188,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     course, fan_course = courses
     reach, accuracy = hunt.reach, hunt.accuracy
     cells = walls.cells
+    # resolution and tolerances of the search
     width, trust = _RESOLUTION, _TRUST
     if math.isinf(hunt.cutoff_db):  # every ray there is
         width, trust = 1e-3 * width, 1e-3 * trust
@@ -197,20 +198,12 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     if s.kind == at.SMOOTH and fits_curves(s, walls, course, math.inf, 0.0):
         coarse, late = accuracy.fine, _LATE
     search = Search(
-        coarse,
-        accuracy.fine,
-        width,
-        trust,
-        steep,
-        hunt.weak_slope,
-        overhang,
-        math.inf,
-        late,
-        0.0,
+        coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf, late, 0.0
     )
     n_brackets, _, more_rays, all_there, _ = find_brackets(
         s, walls, fan_course, n_nodes, 0.0, search, work
     )
+    # rays of the brackets, then those of the candidates that they add
     n, done = 0, 0  # candidates, and those solved
     i = 0
     while i < n_brackets or done < n:
@@ -230,6 +223,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
                 continue
             same = True
             n, launch = solve_candidate(s, walls, course, (done - 1, n), bracket, accuracy, work)
+        # keep the ray, and add the cells around its own
         if launch.ok:
             if gridded:
                 q = launch.q
@@ -239,6 +233,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
                 n = add_neighbours(walls, n, launch, counts, generation + 1, work)
             count, too_weak = _keep(s, walls, course, launch, counts, hunt, count, work)
             weak += too_weak
+        # add the bracket's cells if the ray has others
         if gridded and not same:
             n = add_of_bracket(s, walls, course, bracket, n, accuracy.fine, work)
     return at.SearchResult(count, weak, rays + more_rays, complete and all_there)

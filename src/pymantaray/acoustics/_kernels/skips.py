@@ -164,6 +164,7 @@ def _below(water, k, z, sine, a, left, most_bottom, timed):
             down = not down
             turns += 1
             continue
+        # crosses the layer
         s1 = math.sqrt((1.0 - cos1) * (1.0 + cos1))
         if not down:
             s1 = -s1
@@ -177,6 +178,7 @@ def _below(water, k, z, sine, a, left, most_bottom, timed):
             t += _arc_time(g, dr, dz, c, speed[target])
         left -= dr
         z, c, cos, sine = depth[target], speed[target], cos1, s1
+        # next layer, reflection at the bed, or end at the deck
         if down:
             k += 1
             if k == depth.size - 1:
@@ -190,6 +192,7 @@ def _below(water, k, z, sine, a, left, most_bottom, timed):
             if k == water.deck:
                 return False, left, k, z, sine, t, turns, beds
             k -= 1
+    # the rest of the range, within the layer
     g = (speed[k + 1] - speed[k]) / (depth[k + 1] - depth[k])
     s1 = max(min(sine - a * g * left, 1.0), -1.0)
     cos1 = math.sqrt((1.0 - s1) * (1.0 + s1))
@@ -226,20 +229,24 @@ def _above(water, link, r, z, slope, timed):
     last = link.pieces.shape[0] - 1
     i = min(int(r / link.spacing), last)
     for _ in range(MAX_STEPS):
+        # the ray's parabola in the layer
         g = (water.speed[k + 1] - water.speed[k]) / (water.depth[k + 1] - water.depth[k])
         c = water.speed[k] + g * (z - water.depth[k])
         bend = -g / c * (1.0 + slope * slope)
+        # step to a level, to the end of a piece, or to the receiver
         up = z - water.depth[k] if k > 0 else _FAR
         face = _to_face(up, water.depth[k + 1] - z, slope, bend)
         beyond = (i + 1) * link.spacing - r if i < last else math.inf
         step = min(face, beyond, link.length - r)
         hit = _meets(link, i, r - i * link.spacing, z, slope, bend, step)
+        # move along the step, or to the surface
         x = step if hit < 0.0 else hit
         dz = x * (slope + 0.5 * x * bend)
         if timed:
             t += _arc_time(g, x, dz, c, c + g * dz)
         z += dz
         slope += x * bend
+        # reflection at the surface
         if hit >= 0.0:
             r += x
             bounces += 1
@@ -249,6 +256,7 @@ def _above(water, link, r, z, slope, timed):
             continue
         if step >= link.length - r:
             return link.length, z, slope, t, bounces
+        # the next piece, and the next layer
         r = (i + 1) * link.spacing if step >= beyond else r + step
         if step >= beyond:
             i += 1
@@ -365,6 +373,7 @@ def _launch(water, link, angle, ray, timed):
     a = math.cos(angle) / (water.speed[k] + g * (z - water.depth[k]))
     inside = z < deck_depth or (z == deck_depth and sine < 0.0)
     for _ in range(link.most_surface + link.most_bottom + 3):
+        # below the deck
         if not inside:
             done, left, k, z, sine, more, turned, hit = _below(
                 water, k, z, sine, a, link.length - r, link.most_bottom - beds, timed
@@ -375,9 +384,11 @@ def _launch(water, link, angle, ray, timed):
             slope = sine / math.sqrt((1.0 - sine) * (1.0 + sine))
             if done:
                 break
+        # above the deck
         r, z, slope, t, surfaces = _upper_part(water, link, (r, z, slope, t), surfaces, timed)
         if surfaces < 0:
             return
+        # a whole skip by the table, and the part above the deck again
         if r < link.length - 1e-9:
             skip, more, turned, hit = _jump(water, math.atan(slope))
             if r + skip < link.length and beds + hit <= link.most_bottom:
@@ -389,6 +400,7 @@ def _launch(water, link, angle, ray, timed):
                     return
         if r >= link.length - 1e-9:
             break
+        # the next part below the deck, without the table
         inside, z, k = False, deck_depth, water.deck
         cosine = 1.0 / math.sqrt(1.0 + slope * slope)
         sine, a = slope * cosine, cosine / deck_speed

@@ -80,6 +80,7 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     r, z = pos, z_source + y[at.W]
     if sb != 0.0:
         r, z = _tilted(axis, pos, y[at.W])
+    # sound speed and its derivatives
     cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if s.kind == at.SMOOTH:
         k = move_level(s.depth, k, z)
@@ -89,9 +90,11 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
             c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz = smooth_full(s, k, r, z)
     else:
         c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz = linear_full(s, b, k, r, z)
+    # derivatives across the axis
     cw, cww = cz, czz
     if sb != 0.0:
         cw, cww = _across(axis, cz, cr, (czz, crz, crr))
+    # the ray is beside the plane
     q = 0.0
     if n_eq == at.N_FULL:
         half = 0.5 * y[at.Y]
@@ -99,6 +102,7 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
         cw += y[at.Y] * cb * (cyz + half * cyyz)
         cy += y[at.Y] * cyy
         q = y[at.Q]
+    # index of refraction and its derivatives
     p = y[at.P]
     ic = 1.0 / c
     n = c_ref * ic
@@ -109,6 +113,7 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     )  # (h c)^2, which does not depend on the division 1 / c
     if not square > 1e-6 * c * c:
         return False, k
+    # derivatives of the ray
     ih = c / math.sqrt(square)
     ih3 = ih * ih * ih
     nnw = n * nw

@@ -274,6 +274,7 @@ def error_series(
     Time series of the largest error of each convention at one place, and of the share of its links
     without a direct path.
     """
+    # the nearest column to the place; by default the middle
     lat = atlas["lat"].values
     lon = atlas["lon"].values
     middle = 0.5 * float(lon[0] + lon[-1])
@@ -282,6 +283,7 @@ def error_series(
         int(np.argmin(np.abs(axis - x)))
         for axis, x in ((lat, at[0]), (lon, wrap_longitude(at[1], about=middle)))
     )
+    # largest errors of all conventions
     figure = style.new_figure(width, 3.2, _header(atlas))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
     time = atlas["time"].values
@@ -297,9 +299,11 @@ def error_series(
     for limit in atlas["safe"].values:
         upper.axhline(limit, color=style.INK, linestyle=":", linewidth=0.7)
     style.short_numbers(upper.yaxis)
+    # share of links without a direct path
     lost = mean_lost_over_pairs(atlas)[:, i, j, distance].values
     lower.plot(time, lost, "o-", markersize=2.5, color=style.INK)
     lower.set_ylim(-3.0, 103.0)
+    # labels, title and legend
     upper.set_ylabel("Largest range error [m]")
     lower.set_ylabel("No path [%]")
     locator: Any = AutoDateLocator()  # type: ignore[no-untyped-call]

@@ -65,6 +65,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     >>> write_atlas_page(atlas, write_atlas_plots(atlas, "atlas"), "atlas").name
     'index.html'
     """
+    # every n-th column of a large atlas
     errors = atlas["worst_range_error"]
     step = int(np.ceil(np.sqrt(errors.size / _MAX_NUMBERS))) if errors.size > _MAX_NUMBERS else 1
     part = atlas.isel(lat=slice(None, None, step), lon=slice(None, None, step))
@@ -73,6 +74,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         .transpose("time", "lat", "lon", "convention", "pair", "distance")
         .values
     )
+    # data of the interactive map
     content = {
         "time": [str(t)[:16].replace("T", " ") for t in part["time"].values],
         "lat": part["lat"].values.astype(float).round(4),
@@ -91,6 +93,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
             for x in np.linspace(0.0, 1.0, _COLOURS).tolist()
         ],
     }
+    # the page with the map and all figures
     instants = counted(atlas.sizes["time"], "instant")
     thinned = [
         (

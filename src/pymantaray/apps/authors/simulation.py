@@ -305,6 +305,7 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     sensors = simulation.sensors
     step = _fraction(timing.physics_dt)
     duration = 3600.0 * timing.end_time_hours
+    # times and frequencies that cannot be used
     if duration > _MAX_STEPS * timing.physics_dt:
         raise StudyError(
             f"{label}: timing.physics_dt is {timing.physics_dt:g} s,"
@@ -330,6 +331,7 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
             f" {sensors.gt_freq_hz:g} Hz: the program would give odometry to wrong poses; use one"
             " frequency"
         )
+    # greatest common divisor of the periods
     periods = (
         1 / _fraction(sensors.gt_freq_hz),
         60 * _fraction(timing.ping_interval_min),

@@ -283,6 +283,7 @@ def _content(path: Path) -> bytes:
 
 
 def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
+    # header: frequency, sources and receivers
     frequency = stream.take(1)[0]
     none = np.zeros(1)
     x, y = (stream.vector(), stream.vector()) if three_d else (none, none)
@@ -291,6 +292,7 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
     ranges = stream.vector()
     bearings = np.radians(stream.vector()) if three_d else none
     shape = (z.size, x.size, y.size, bearings.size, receiver_z.size, ranges.size)
+    # number of arrivals and their rows, by source and receiver
     counts = np.zeros(math.prod(shape), dtype=np.int64)
     tables = []
     columns = 10 if three_d else 8
@@ -304,6 +306,7 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
                 f"{stream.path}: {n} arrivals, but the header announces at most {most}"
             )
         tables += [stream.take(columns) for _ in range(n)]
+    # columns of all arrivals
     rows = np.array(tables).reshape(-1, columns)
     if not three_d:  # a 2-D file has no azimuths
         rows = np.insert(rows, [5, 6], np.nan, axis=1)

@@ -74,6 +74,7 @@ def _use_kernels() -> None:
 
 
 def _print(out: Printer, state: dict[str, Any]) -> None:
+    # facts, one a line
     processors = state["processors"]
     kernels = state["kernels"]
     facts = [
@@ -102,6 +103,7 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
     ]
     for name, text in facts:
         out.line(f"{name:<{_WIDTH}} {text}")
+    # folders and extras
     for row in state["folders"]:
         out.line(
             f"{'writable' if row['writable'] else 'READ-ONLY':<{_WIDTH}} {row['folder']}, for"
@@ -114,6 +116,7 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
             else "installed"
         )
         out.line(f"{'extra':<{_WIDTH}} {row['name']} {missing}")
+    # faults, if any
     for fault in state["faults"]:
         out.line(f"{'FAULT':<{_WIDTH}} {fault}")
     if not state["faults"]:

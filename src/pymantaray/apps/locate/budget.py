@@ -34,11 +34,13 @@ def error_budget(solution: SurveySolution, of_models: Array, widening: float) ->
     unknowns = solution.unknowns
     fit = solution.posterior
     columns = solution.unknowns.slices
+    # covariance of positions and all unknowns, and inverse priors
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
     spread = by_position @ fit.covariance
     sd = unknowns.scaled_sd(fit.hyperparameters)
     is_known = np.diag(fit.covariance) <= 0.0
     inverse = np.where(is_known | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
+    # contributions of the priors
     parts = {
         name: sum(
             np.sum((spread[:, columns[kind]] * inverse[columns[kind]]) ** 2, axis=1)
@@ -46,6 +48,7 @@ def error_budget(solution: SurveySolution, of_models: Array, widening: float) ->
         )
         for name, kinds in _PRIORS.items()
     }
+    # the remainder is due to the noise of the pings, in three parts
     total = np.sum(spread * by_position, axis=1)
     noise = np.maximum(total - sum(parts.values()), 0.0)
     from_noise = np.minimum(_noise_alone(solution, by_position, inverse), noise)
@@ -56,10 +59,12 @@ def error_budget(solution: SurveySolution, of_models: Array, widening: float) ->
         "platform positions": platform,
     }
     variances |= parts
+    # doubts about the model and about its noise
     variances["choice of the model"] = np.diag(of_models)
     total = total + np.diag(of_models)
     variances["failed tests"] = (widening**2 - 1.0) * total
     variances["total"] = widening**2 * total
+    # one row for each node and source
     names = unknowns.survey.names
     sigma = np.sqrt(np.maximum(np.array(list(variances.values())), 0.0))
     north, east, depth = sigma.reshape(len(variances), -1, 3).T

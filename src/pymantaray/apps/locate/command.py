@@ -177,16 +177,19 @@ def survey(
     from pymantaray.apps.locate.write import check_names_to_write
     from pymantaray.version import __version__
 
+    # read everything that the estimate needs
     campaign = None if values.earlier is None else read_campaign(values.earlier)
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
     pings, medium, record, notes = _water(source, replace(options, earth=None), pings)
+    # estimate, and compare with the earlier campaign
     solving = values.locate_options(repair_freezing=options.repair_freezing)
     location = locate(pings, medium, replace(solving, earth=options.earth or "auto"))
     if campaign is not None:
         location = location.since(campaign)
     notes = list(dict.fromkeys([*notes, *location.notes]))
+    # write the folder
     page = None
     if folder.out is not None:
         from pymantaray.apps.locate import write_location_page
@@ -200,6 +203,7 @@ def survey(
             messages=in_options,
             formats=format_names(folder.formats),
         )
+    # print the result; an unusable one has its own exit status
     with printing.printer() as printer:
         _print_result(printer, location, notes)
         if page is not None:
@@ -309,6 +313,7 @@ def plan(
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.water import water_notes
 
+    # refuse a wrong output before the computation
     if out is not None:
         check_output(
             out,
@@ -317,6 +322,7 @@ def plan(
             beside=[out.with_suffix(".csv")],
             force=force,
         )
+    # the best radius of each pattern
     radii = planned.radius_values
     survey = planned.plan_options()
     water = _water_over_bed(source, options, survey.depth)
@@ -330,6 +336,7 @@ def plan(
         from pymantaray.apps.locate import write_plan_figure
 
         write_plan_figure(result, out)
+    # print them, and which are at an edge of the search
     with printing.printer() as printer:
         from pymantaray.records.result_table import ResultTable
 
@@ -365,6 +372,7 @@ def _water(
     deepest = max(node.position[2] + 3.0 * min(node.sigma[2], 100.0) for node in survey.nodes)
     notes = list(survey.notes)
     frame = survey.frame
+    # without other water, the profile of the survey
     if not source.given:
         if survey.profile is None:
             raise LocateError("no water; give --profile, --ocean or --run")
@@ -385,6 +393,7 @@ def _water(
                 "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out"
                 " --ice-slope"
             )
+        # by default, the bed is below all nodes
         medium = Medium.from_profile(
             depth,
             speed,
@@ -394,6 +403,7 @@ def _water(
         )
         record = {"profile": "of the survey", "last_level_m": float(depth[-1])}
         return survey, medium, record, notes
+    # an ocean around the survey, which moves to the ocean's frame
     if source.ocean and options.centre is None and frame is not None:
         options = replace(options, centre=(frame.latitude_deg, frame.longitude_deg))
     water = _water_over_bed(source, options, deepest)

@@ -224,16 +224,20 @@ class Location:
         """One row per node: position, its uncertainty, pings, residuals, status."""
         survey = self.survey
         used = self.solution.used
+        # positions and their standard deviations
         position = self.positions
         count = len(survey.nodes)
         lat, lon = self._geodetic(position)
         depth = position[:, 2]
         sigma = _deviations(self.covariance)
+        # standard deviations relative to the mean of all nodes
         about_mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
         relative = _deviations(about_mean @ self.covariance @ about_mean.T)
         relative = relative if count > 1 else np.full_like(sigma, np.nan)
+        # horizontal ellipses
         joint = self.covariance.reshape(count, 3, count, 3)
         ellipses = np.array([ellipse(joint[k, :2, k, :2]) for k in range(count)])
+        # prior positions, and residuals of the pings
         prior = np.array([node.position for node in survey.nodes])
         of_node = [(survey.node == k) | (survey.partner == k) for k in range(count)]
         residuals = [self.residual[rows & used] for rows in of_node]

@@ -227,6 +227,7 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
 def survey_map(location: Location, header: str, width: float = style.DOUBLE) -> Figure:
     """Pings, nodes, ellipses and prior positions."""
     figure, (overview, detail) = style.panel_figure(width, header, 2, height=3.6, stacked=3.0)
+    # pings by residual, and nodes
     pings = location.pings[location.solution.used & ~location.survey.between_nodes]
     size = _MICRO * pings["residual_s"]
     limit = float(np.percentile(size.abs(), 95.0)) if len(size) else 1.0
@@ -248,6 +249,7 @@ def survey_map(location: Location, header: str, width: float = style.DOUBLE) -> 
     overview.set_xlabel("East [m]")
     overview.set_ylabel("North [m]")
     style.panel_title(overview, "a", "survey")
+    # ellipses and prior positions, relative to the estimates
     colours = style.vehicle_colours(len(nodes))
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
     for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
@@ -264,6 +266,7 @@ def survey_map(location: Location, header: str, width: float = style.DOUBLE) -> 
     detail.set_xlabel("East of the estimate [m]")
     detail.set_ylabel("North of the estimate [m]")
     style.panel_title(detail, "b", "95 % ellipses")
+    # one legend for both panels
     handles = [*overview.get_legend_handles_labels()[0]]
     handles += detail.get_legend_handles_labels()[0][:_MAX_NODES]
     style.common_legend(figure, handles)
@@ -389,6 +392,7 @@ def write_plan_figure(plan: SurveyPlan, out: Path) -> None:
 @style.styled
 def plan_figure(plan: SurveyPlan) -> Figure:
     """Expected standard deviations over the radius, and the best radius of each pattern."""
+    # two panels over the radius
     options = plan.options
     header = (
         f"Node at {options.depth:g} m, pings of {1e3 * options.sigma:g} ms,"
@@ -398,6 +402,7 @@ def plan_figure(plan: SurveyPlan) -> Figure:
     panels = figure.subplots(2, 1, sharex=True)
     shapes = list(dict.fromkeys(plan.table["pattern"]))
     best = plan.best.set_index("pattern")
+    # a curve for each pattern, with a dot at its best radius
     for axes, column, words, letter in zip(
         panels, ("sigma_horizontal_m", "sigma_depth_m"), ("horizontal", "depth"), "ab", strict=True
     ):
@@ -420,6 +425,7 @@ def plan_figure(plan: SurveyPlan) -> Figure:
                 color=colour,
                 markersize=4.0,
             )
+        # scales and labels
         axes.set_xscale("log")
         axes.set_yscale("log")
         style.short_numbers(axes.xaxis)

@@ -165,6 +165,7 @@ def _survey(
     settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]
 ) -> Survey:
     """Survey of a table in order of time."""
+    # times of transmission and reception
     columns = set(table.frame.columns)
     travel_time, transmit_time, *position = table.numbers(_REQUIRED).T
     check_seconds(transmit_time, f"{table.path}: ST", LocateError)
@@ -176,10 +177,12 @@ def _survey(
             f"{table.where(row)}: RT {receive_time[row]:.6f} is not after ST"
             f" {transmit_time[row]:.6f}; both must be in seconds"
         )
+    # positions at both times, with depths instead of heights
     down = np.array([1.0, 1.0, -1.0])
     transmit_position = receive_position = np.column_stack(position) * down
     if set(_SECOND) <= columns:
         receive_position = table.numbers(_SECOND) * down
+    # each ping names a station
     transponders = table.frame["MT"].tolist()
     for row, transponder in enumerate(transponders):
         if transponder not in names:
@@ -187,6 +190,7 @@ def _survey(
                 f"{table.where(row)}: transponder {transponder!r} is not a station of the site;"
                 f" allowed: {', '.join(names)}"
             )
+    # the survey, in order of time
     epoch, origin = _epoch(settings, float(transmit_time.min()))
     transmit_attitude, receive_attitude = attitudes(table, _ANGLES)
     survey = Survey(

@@ -203,6 +203,7 @@ def _on_track(
     """Frame, positions and attitudes of the platform from its track, and notes of its reader."""
     from pymantaray.exchange import read_trajectories
 
+    # track of the platform
     tracks = read_trajectories([str(path) for path in options.track])
     frame = LocalFrame(*tracks.centre) if tracks.centre is not None else _frame(node_table)
     some = ", ".join(tracks.names[:_MAX_NAMES])
@@ -211,6 +212,7 @@ def _on_track(
     name = options.platform or tracks.names[0]
     if name not in tracks.names:
         raise LocateError(f"track: no platform {name}; available: {some}")
+    # seconds from the track's start to the survey's
     offset = 0.0
     if tracks.start is not None and not np.isnat(epoch):
         offset = float(seconds_since(epoch, tracks.start))
@@ -219,6 +221,7 @@ def _on_track(
             "track: only one of track and survey has dates; both must have dates, or both"
             " times in seconds"
         )
+    # the track must contain every ping
     plane = frame or LocalFrame(0.0, 0.0)
     track = next(track for track in tracks.in_frame(plane) if track.name == name)
     first = track.time[0]
@@ -235,6 +238,7 @@ def _on_track(
                 f" {instant[is_outside][0]:.1f} s after the start of the track, which lasts"
                 f" {last - first:.1f} s{left_out}"
             )
+    # position and attitude at both ends of each ping
     record = tracks.at(np.unique(np.concatenate(list(instants.values()))), plane)
     k = tracks.names.index(name)
     values: dict[str, Any] = {"time": time}

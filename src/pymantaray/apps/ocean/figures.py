@@ -336,7 +336,11 @@ def _section_panels(
         figure = style.new_figure(width, 7.6, header)
         return figure, figure.subplots(4, 1).reshape(2, 2)
     figure = style.new_figure(width, 4.4, header)
-    widths = _widths(ocean["lat"].values, ocean["lon"].values)
+    # ratio of the lengths of both sections in kilometres, with limits
+    lat = ocean["lat"].values
+    lon = ocean["lon"].values
+    east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
+    widths = [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
     return figure, figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
 
 
@@ -413,12 +417,6 @@ def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[Array, Array]:
     other = "lat" if axis == "lon" else "lon"
     line = floor.interp({other: at}, kwargs={"fill_value": "extrapolate"})
     return np.asarray(line[axis].values, dtype=float), np.maximum(line.values, 0.0)
-
-
-def _widths(lat: Array, lon: Array) -> list[float]:
-    """Ratio of the panels' widths: that of their lengths in kilometres, with limits."""
-    east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
-    return [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
 
 
 def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray:

@@ -75,6 +75,7 @@ def fault_of(content: Any) -> str:
 
 
 def _fault(content: dict[str, Any]) -> str:
+    # names of vehicles and beacons, and of the range model
     vehicles = content["vehicles"]
     beacons = content["beacons"]
     if not (isinstance(vehicles, list) and isinstance(beacons, list)):
@@ -88,6 +89,7 @@ def _fault(content: dict[str, Any]) -> str:
         return "the names of vehicles and beacons are not different texts"
     if not isinstance(content["model"], str):
         return f"model is {content['model']!r}"
+    # estimates, with and without errors of ways
     base = content["base"]
     fixed = _numbers(content["fixed"]).reshape(-1, 3)
     n = len(vehicles)
@@ -102,6 +104,7 @@ def _fault(content: dict[str, Any]) -> str:
         return fault
     if not 0.0 <= base["no_error"] <= 1.0:
         return f"base.no_error is {base['no_error']!r}"
+    # fixed positions and settings
     if not (np.abs(fixed) <= LARGEST).all():
         return f"fixed is not finite, or beyond {LARGEST:g} m"
     for name in ("lag", "longest_step", "horizon", "gate"):
@@ -111,6 +114,7 @@ def _fault(content: dict[str, Any]) -> str:
         is_number = type(value) in (int, float) and np.isfinite(float(value))
         if not is_number or (name != "horizon" and value <= 0.0):
             return f"{name} is {value!r}"
+    # outcomes and events
     if any(
         name not in Outcome.__members__ or type(k) is not int
         for name, k in content["total"].items()

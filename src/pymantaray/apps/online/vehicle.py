@@ -588,6 +588,7 @@ class OnlineEstimator:
         OnlineError
             If the file is missing, damaged, of another format, or the range model has another type.
         """
+        # the state must be usable with this range model
         content = read_state(path)
         if fault := fault_of(content):
             raise OnlineError(f"{path}: not a usable state: {fault}; use an earlier file")
@@ -597,6 +598,7 @@ class OnlineEstimator:
                 f"{path}: saved with the range model {content['model']}; found"
                 f" {type(model).__name__}"
             )
+        # an estimator with the saved values
         base, without = content["base"], content["without"]
         saved = saved_water(content["water"]), saved_ways(content["ways"])
         self = cls.__new__(cls)
@@ -626,6 +628,7 @@ class OnlineEstimator:
             gate=math.inf if content["gate"] is None else content["gate"],
             horizon=content["horizon"],
         )
+        # outcomes and events so far
         self._timeline.total = Counter({Outcome[name]: n for name, n in content["total"].items()})
         self._timeline.load(_events(content["events"]), _events(content["waiting"]))
         return self

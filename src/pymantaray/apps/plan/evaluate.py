@@ -3,7 +3,6 @@ Evaluate one design without realizations, as a worker does: lost links, and the 
 of positions at the pings.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import ClassVar, NamedTuple
@@ -118,7 +117,11 @@ class DesignEvaluator:
         run, drawn = self.missions.run(design, ocean, member)
         condition = next(c for c in run.study.conditions if c.name == self._plan.condition)
         measurements = expected_measurements(run)
-        samples = _samples(run, plan.error_at_h)
+        if plan.error_at_h is None:
+            samples = ping_samples(run.measurements)
+        else:
+            apart = np.abs(run.truth.time - 3600.0 * np.array(plan.error_at_h)[:, None])
+            samples = np.unique(apart.argmin(axis=1))
         joint = error_bound(run.truth, measurements, condition.standard_equivalent, samples=samples)
         estimator = EstimatorFactory(run, drawn).estimator(condition.name, 0)
         solution = solve_conditions(measurements, {"bias": estimator}, solver=self._solver)["bias"]
@@ -132,14 +135,6 @@ class DesignEvaluator:
         if plan.error_of is not None:
             counts = counts & (run.truth.name == plan.error_of)
         return run, Errors(run.truth.time[samples], bias, np.einsum("eaiaj->eaij", joint), counts)
-
-
-def _samples(run: Run, hours: Sequence[float] | None) -> NDArray[np.intp]:
-    """Samples of the pings, or the nearest ones to some times."""
-    if hours is None:
-        return ping_samples(run.measurements)
-    apart = np.abs(run.truth.time - 3600.0 * np.array(hours)[:, None])
-    return np.unique(apart.argmin(axis=1)).astype(np.intp)
 
 
 def expected_measurements(run: Run) -> Measurements:

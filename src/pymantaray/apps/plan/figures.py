@@ -127,6 +127,7 @@ def map_figure(
     (_, best), *others = details.items()
     places = _moved(best, [detail for _, detail in others])
     keyed = any(len(points) for points in places)
+    # two panels, with room for the legend
     if width == style.COLUMN:
         room = 0.15 * sum(len(points) > 0 for points in places)  # for the legend [in]
         figure = style.new_figure(width, 5.6 + room, header, layout=None)
@@ -137,11 +138,13 @@ def map_figure(
         figure = style.new_figure(width, 3.4, header, layout=None)
         low = 0.26 if keyed else 0.14  # room for the legend
         plan, depth = (figure.add_axes((left, low, 0.4, 0.87 - low)) for left in (0.08, 0.58))
+    # mission and landmarks of the best design
     colours = style.vehicle_colours(best.truth.name.size)
     draw_plan(plan, best.truth, best.measurements, colours)
     draw_depths(depth, best.truth, colours)
     for z in best.measurements.landmark_position[:, 2]:
         depth.axhline(z, color=style.INK, linestyle="--", linewidth=0.9)
+    # landmarks and stations of the other designs
     for sign, points in zip(_SIGNS, places, strict=False):
         look: dict[str, Any] = {
             "color": style.GREY,
@@ -153,6 +156,7 @@ def map_figure(
         depth.plot(
             np.full(len(points), best.hours[-1]), points[:, 2], marker=sign, clip_on=False, **look
         )
+    # limits that contain all depths
     deepest = max(
         [
             depth.get_ylim()[0],
@@ -163,6 +167,7 @@ def map_figure(
     depth.set_ylim(deepest, -0.04 * deepest)
     style.panel_title(plan, "a", "plan")
     style.panel_title(depth, "b", "depth; landmarks dashed")
+    # legend of the other designs
     entries = [
         style.entry(
             style.plain(style.short(name, _NAME_LETTERS)),

@@ -238,11 +238,13 @@ def plot(
     from pymantaray.apps.rays import write_ray_plot
     from pymantaray.plotting.style import ocean_header
 
+    # refuse wrong options before the water is read
     files = figure.files([*source.files, *water.files, *([ends.links] if ends.links else [])])
     angles = () if fan is None else _fan_angles(*fan)
     _check_ends(ends)
     loaded = load_water(source, water, search)
     medium, _ = loaded.at_start
+    # rays of each link
     titles = []
     pictures = []
     for name, start, receiver in _links(ends, loaded.frame):
@@ -262,6 +264,7 @@ def plot(
         except AcousticsError as error:
             raise AcousticsError(f"{title}: {error}") from None
         titles.append(title)
+    # draw them, and print how many arrive
     header = ocean_header({} if loaded.local is None else loaded.local.attrs)
     for file, one_column in zip(files, (False, True), strict=False):
         write_ray_plot(pictures, file, titles=titles, header=header, one_column=one_column)

@@ -123,6 +123,7 @@ def replay(
     from pymantaray.config.load import sound_sections
     from pymantaray.version import __version__
 
+    # events, rule and waters
     window_s = parse_duration("--window", comparing.window, positive=False)
     event_data = read_events(events, comparing.nodes)
     rule = checked_rule(event_data, comparing.rule, prediction, window_s, comparing.reference)
@@ -139,6 +140,7 @@ def replay(
         *dict.fromkeys(note for water_of in waters for note in water_notes(water_of)),
         *earth,
     ]
+    # predict the events and write the folder
     with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             event_data,
@@ -204,6 +206,7 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
     out.notes(result.notes)
     for finding in result.findings:
         out.line(finding)
+    # status of the events
     counts = result.events["status"].value_counts()
     out.line(
         f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()),
@@ -214,6 +217,7 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
         clocks=result.clocks,
         switching=result.switching,
     )
+    # tables, and the spread over groups of draws
     out.table(result.brief_summary)
     tables = result.tables
     learned = ("horizons", "error_sizes") if "error_sizes" in tables else ()
@@ -228,11 +232,13 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
             f" {high:.2f} m",
             draws=draws,
         )
+    # clocks, unless there are many
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy()
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
     if 0 < len(offsets) <= _MAX_NODES:
         out.line(f"clocks [ms]: {', '.join(offsets)}")
+    # changes between candidates
     switching = result.switching.iloc[0]
     if switching["steps"]:
         out.line(

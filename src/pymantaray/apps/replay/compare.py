@@ -339,12 +339,14 @@ def replay_events(
     >>> replay.events["status"].tolist()
     ['ok', 'ok', 'ok', 'ok', 'ok', 'ok']
     """
+    # rule and waters must suit the events
     rule = checked_rule(events, rule, options, window, reference)
     waters = _waters(waters)
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
         raise ReplayError(
             "rule threshold: it needs a sonar; give a section [detection], or use another rule"
         )
+    # predictions, water by water
     has_mixture = options.draws > 1 or rule.kind == "persist"
     parts = []
     done = 0
@@ -361,6 +363,7 @@ def replay_events(
         else:
             parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
+    # one table of all waters, with the mixture of all draws
     (table, all_candidates), *of_groups = (
         _joined(events, predictions) for predictions in zip(*parts, strict=True)
     )
@@ -371,6 +374,7 @@ def replay_events(
         if of_groups:
             unlearned = replace(options, learn=None)
             more["draws"] = _draws_table(of_groups, rule, unlearned, detector)
+    # residuals and what they show
     table = _with_residuals(table)
     if has_mixture:
         more = {"coverage": coverage_table(table, seed=seed), **more}
@@ -569,21 +573,25 @@ def _predict(
     medium, currents = water.at(time)
     source, receiver = ends_of(events, rows, water, medium.earth)
     step = receiver - source
+    # receptions, also those a little below the cut-off
     cutoff = reception.spreading_cutoff_db
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
     )
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
     distance = medium.straight_distance(source, receiver)
+    # candidates, the pick and the next one
     choice = choice_of(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
     receptions = choice.receptions
     candidates = choice.candidates(rule)
     picks = choice.pick(rule, candidates)
     after = choice.next(rule, candidates, picks)
     rays = np.where((picks >= 0) & (np.append(receptions.arrival, -1)[picks] >= 0), picks, -1)
+    # an event without a pick states the reason
     n_arrivals = np.bincount(receptions.link[choice.within_cutoff()], minlength=rows.size)
     missing = np.where(n_arrivals > 0, RayStatus.UNHEARD, RayStatus.WEAK)
     status = np.where((sound.status == RayStatus.OK) & (picks < 0), missing, sound.status)
+    # all candidates, and the row of each event
     table = pd.DataFrame(
         {
             "event": rows[receptions.link],

@@ -83,6 +83,7 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     arrivals in a draw contribute; its time is the mean weighted by power. The result does not
     depend on the order of the arrivals.
     """
+    # arrivals of an event with the same bounces, by time
     order = np.lexsort(
         (
             arrivals.loss_db,
@@ -94,6 +95,7 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
         )
     )
     event, draw, time, loss, surface, bottom, gradient = (column[order] for column in arrivals)
+    # the first arrival of each candidate
     first = np.zeros(time.size, dtype=bool)
     start = -np.inf
     before = (-1, -1, -1)
@@ -102,6 +104,7 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
             first[i] = True
             start = time[i]
             before = key
+    # mean power, mean time and spread of each candidate
     group = np.cumsum(first) - 1
     n = int(group[-1]) + 1 if group.size else 0
     power = 10.0 ** (-0.1 * loss)
@@ -173,14 +176,12 @@ def predict_draws(
             "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out"
             " `draws`"
         )
+    # links that several events share
     source, receiver = ends_of(events, rows, water, medium.earth)
     links = SharedLinks.of(
-        events,
-        rows,
-        (source, receiver),
-        ice=rough,
-        drifts=water.frame is None or water.uniform,
+        events, rows, (source, receiver), ice=rough, drifts=water.frame is None or water.uniform
     )
+    # arrivals of each draw of the ice
     parts = []
     status = np.full(len(links.source), RayStatus.SHADOW, dtype=np.int8)
     for draw in range(draws):
@@ -199,6 +200,7 @@ def predict_draws(
         parts += _arrivals_of(sound, links, medium, reception, draw)
         status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
         progress(draw + 1, draws)
+    # values of each event by its link
     arrivals = DrawnArrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     distance = medium.straight_distance(source, receiver)
     speeds = np.stack([sound.arrivals.source_sound_speed, sound.arrivals.receiver_sound_speed])
@@ -212,6 +214,7 @@ def predict_draws(
         "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
         "chord_s": chord * distance / np.maximum(shared_distance, 1e-9),
     }
+    # candidates of all draws, and of each group
     predictions = []
     for members in draw_groups(draws):
         of_group = arrivals.at(np.isin(arrivals.draw, members))

@@ -85,6 +85,7 @@ class Events:
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
+        # numbers that every event has
         n = np.size(self.travel_time)
         for name, shape in (
             ("travel_time", (None,)),
@@ -94,6 +95,7 @@ class Events:
         ):
             values = checked_array(ReplayError, f"events: {name}", getattr(self, name), shape)
             object.__setattr__(self, name, values)
+        # names and optional columns
         for name, kind, default in (
             ("source", str, None),
             ("receiver", str, None),
@@ -107,6 +109,7 @@ class Events:
             if values.shape != (n,):
                 raise ReplayError(f"events: {name} has shape {values.shape}; it needs ({n},)")
             object.__setattr__(self, name, values)
+        # values that no event can have
         self._refuse(
             "travel_time",
             ~((self.travel_time > 0.0) & (self.travel_time < _MAX_TIME)),

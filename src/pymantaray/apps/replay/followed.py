@@ -147,11 +147,13 @@ def follow(
     These predictions are averaged with those of the candidates alone, weighted by the likelihood of
     both for earlier events (Bayesian model averaging), so that right candidates stay as they are.
     """
+    # columns of the events, and rows of their candidates
     n = len(events)
     time, measured = events["time_s"].to_numpy(dtype=float), events["measured_s"].to_numpy()
     distance = np.where(events["distance_m"] > 0.0, events["distance_m"], 1.0)  # 1 for echoes
     names = list(zip(events["source"], events["receiver"], strict=True))
     start, stop = (np.searchsorted(model.event, np.arange(n), side=s) for s in ("left", "right"))
+    # state of each way, and shares of all ways
     ways: dict[tuple[str, str], _Way] = {}
     shares, parts = _Shares(), []
     log_likelihood, modelled = np.full(n, np.nan), np.ones(n)
@@ -159,12 +161,14 @@ def follow(
     alone = 0.5  # probability that the candidates alone predict
     floor = CLUTTER / CLUTTER_WIDTH
     for event in order.tolist():
+        # prediction by the candidates alone
         rows = slice(start[event], stop[event])
         way = ways.setdefault(names[event], _Way())
         fits = (1.0 - CLUTTER) * float(model.density(rows, measured[event]).sum())
         has_model = rows.stop > rows.start
         if has_model:
             log_likelihood[event] = np.log(fits + floor)
+        # prediction with followed arrivals, which teaches the shares
         if way.short:
             weight, share, modelled[event] = shares.at(time[event] - way.time, way.explained)
             if not has_model:
@@ -175,6 +179,7 @@ def follow(
             np.add.at(explained.reshape(-1), kind, density)
             total = explained.sum() + modelled[event] * fits + floor
             shares.learn(weight, explained / total, modelled[event] * fits / total)
+            # average of both predictions
             without = alone if has_model else 0.0
             modelled[event] = without + (1.0 - without) * modelled[event]
             parts.append(part._replace(probability=(1.0 - without) * part.probability))
@@ -184,6 +189,7 @@ def follow(
                 )
             else:
                 log_likelihood[event] = np.log(total)
+        # the way learns the arrival
         way.learn(time[event], measured[event] / distance[event], distance[event])
         way.explained = fits / (fits + floor)
     scaled = model.scaled(modelled)

@@ -128,11 +128,13 @@ class Design(NamedTuple):
                 values.append(factor)
                 part.append(PARTS.index(what[0]))
 
+        # water: an error in proportion to the travel time
         travel_time = _mean_of(candidates, "travel_time_s", n)
         nothing = np.zeros(n, dtype=np.int64)
         for kind in ("water", "water_varying"):
             add(("water", kind, "1"), ["all"], [(nothing, -_SHARED * travel_time)])
             add(("water", kind, "1"), depths, [(depth, -_SHARED * travel_time)])
+        # positions: errors along the bearing, opposite at both ends
         ends = [np.searchsorted(nodes, events[end]) for end in ("receiver", "source")]
         signs = (1.0, -1.0)
         along = _mean_of(candidates, GRADIENT[0], n)
@@ -144,7 +146,9 @@ class Design(NamedTuple):
                 factor = is_other * along * cosine
                 terms = [(end, sign * factor) for end, sign in zip(ends, signs, strict=True)]
                 add(("position", kind, "m"), labels, terms)
+        # pairs: a constant error of the distance
         add(("pair", "pair", "m"), list(pairs), [(pair, along)])
+        # clocks: offset and rate
         days = (events["time_s"] - 0.5 * (events["time_s"].min() + events["time_s"].max())) / _DAY
         for kind, factor in (("clock", np.ones(n)), ("rate", days.to_numpy())):
             terms = [(end, sign * is_other * factor) for end, sign in zip(ends, signs, strict=True)]
@@ -249,11 +253,13 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
     no_error = 0.5  # probability that water, positions and clocks are as stated
     next_fit = _FIRST_FIT
     for k, event in enumerate(data.order.tolist()):
+        # sizes of the errors from earlier events
         if k == next_fit:
             earlier = data.order[max(k - _MAX_FIT, 0) : k]
             sizes = fit_sizes(data, expected, earlier, prior, sizes)
             state = _run(data, expected, data.order[:k], sizes).state
             next_fit *= 2
+        # prediction of the event
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
         parts[event], spread[event] = _averaged_parts(data.design, event, state.estimate, no_error)
@@ -261,6 +267,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
         candidates = data.candidates_of(event)
         expected[data.rows(event)] = tracks.expect(data.ways[event], candidates)
         alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+        # update by its measured time, as far as a candidate explains it
         outcome = state.update(columns, values, alternatives)
         log_likelihood[event], no_error = average_models(
             outcome.log_likelihood, _log_likelihood(alternatives, 0.0, 0.0), no_error
@@ -291,11 +298,13 @@ def learn_smoothly(
     A filter runs forwards and another one backwards; the estimate at an event is that of the first
     before it and of the second after it. Sizes are estimated from one-step-ahead predictions.
     """
+    # sizes of the errors, and the filter that runs forwards
     last = data.order[-_MAX_FIT:]
     sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
     no_error = causal.no_error_after
     processes = data.design.processes(sizes)
     forward = _run(data, causal.expected, data.order, sizes, keep=True)
+    # the filter that runs backwards
     backward_tracks = ArrivalTracks(persistence, _MEMORY)
     backward_expected = data.prior.copy()
     state = GaussMarkovFilter(processes, data.time[data.order[-1]] if data.order.size else 0.0)
@@ -309,6 +318,7 @@ def learn_smoothly(
         rows = data.rows(event)
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
+        # prediction by both filters
         both = fuse(before, state.estimate, processes)
         parts[event], spread[event] = _averaged_parts(data.design, event, both, no_error)
         candidates = data.candidates_of(event)
@@ -318,6 +328,7 @@ def learn_smoothly(
         log_likelihood[event] = _log_likelihood(
             alternatives, parts[event].sum(), spread[event] ** 2
         )
+        # update of the second filter
         outcome = state.update(
             columns, values, data.alternatives(event, backward_expected, sizes.unexplained_s)
         )

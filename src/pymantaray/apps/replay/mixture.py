@@ -325,7 +325,12 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
         counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
         rng = stream(seed, 0, "replay", "coverage", name)
         low, high = ratio_interval(counts * [100.0, 1.0], rng)
-        constant, varying = _parts(part["residual_m"][ok], pair)
+        # constant errors of pairs about zero, and the rest; by medians, so that a few wrong
+        # arrivals do not count
+        residual = part["residual_m"][ok]
+        by_pair = residual.groupby(pair)
+        constant = by_pair.median().abs().median()
+        varying = (residual - by_pair.transform("median")).abs().median()
         rows.append(
             {
                 "group": name,
@@ -339,19 +344,9 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
                 "within_95_low": low,
                 "within_95_high": high,
                 "sigma_m": float((speed * sigma).median()),
-                "pair_m": constant,
-                "varying_m": varying,
+                "pair_m": MAD_TO_SIGMA * float(constant),
+                "varying_m": MAD_TO_SIGMA * float(varying),
                 "log_likelihood": float(part["log_likelihood"].mean()),
             }
         )
     return pd.DataFrame(rows)
-
-
-def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float, float]:
-    """
-    Standard deviations of constant errors of pairs about zero, and of the rest; by medians, so that
-    a few wrong arrivals do not count.
-    """
-    middle = residual.groupby(pair).transform("median")
-    constant = residual.groupby(pair).median().abs().median()
-    return MAD_TO_SIGMA * float(constant), MAD_TO_SIGMA * float((residual - middle).abs().median())

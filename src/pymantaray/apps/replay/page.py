@@ -219,6 +219,7 @@ def residuals_over_range(
         style.note(overview, "no event has a predicted arrival")
         style.note(middle, "no event has a predicted arrival")
         return figure
+    # residuals by number of bounces in both panels
     bounces = (rows["surface_bounces"] + rows["bottom_bounces"]).fillna(0).astype(int)
     limit = float(np.percentile(rows["residual_m"].abs(), 90.0)) * 1.3
     colours = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
@@ -239,6 +240,7 @@ def residuals_over_range(
             )
         axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
         axes.set_xlabel("Straight distance [km]")
+    # medians by range, with their intervals
     groups = summary[(summary["by"] == "range") & (summary["predicted"] > 0)]
     ends = groups["group"].str.removesuffix(" km").str.split(" to ")  # [km]
     middles = [0.5 * sum(map(float, pair)) for pair in ends]
@@ -254,6 +256,7 @@ def residuals_over_range(
         capsize=2.0,
         linewidth=1.0,
     )
+    # limits, labels and legend
     middle.set_ylim(-limit, limit)
     for axes in panels if width == style.COLUMN else panels[:1]:
         axes.set_ylabel("Residual [m]")
@@ -266,6 +269,7 @@ def residuals_over_range(
 @style.styled
 def residuals_over_time(events: pd.DataFrame, header: str, width: float = style.DOUBLE) -> Figure:
     """Residuals of each pair against time."""
+    # a panel for each of the pairs with most events
     rows = events[events["residual_s"].notna()]
     pairs = rows["pair"].value_counts(sort=True).index[:_MAX_PAIRS].sort_values()
     columns = 3 if width > style.COLUMN else 2
@@ -274,6 +278,7 @@ def residuals_over_time(events: pd.DataFrame, header: str, width: float = style.
     panels = figure.subplots(lines, columns, sharex=True, squeeze=False)
     for axes in panels.flat[len(pairs) :]:
         axes.set_visible(False)
+    # both directions of a pair
     hours = rows["time_s"] / 3600.0
     for axes, pair in zip(panels.flat, pairs, strict=False):
         part = rows[rows["pair"] == pair]
@@ -288,6 +293,7 @@ def residuals_over_time(events: pd.DataFrame, header: str, width: float = style.
             )
         axes.axhline(0.0, color=style.INK, linewidth=0.5, linestyle="--")
         axes.set_title(style.plain(style.short(str(pair))), loc="left")
+    # labels at the outer panels that are visible
     for axes in panels[:, 0]:
         axes.set_ylabel("Residual [ms]")
     for axes in panels[-1]:
@@ -297,6 +303,7 @@ def residuals_over_time(events: pd.DataFrame, header: str, width: float = style.
         if visible:
             visible[-1].set_xlabel("Time [h]")
             visible[-1].tick_params(labelbottom=True)
+    # legend, or a note if there is nothing
     handles = [
         style.entry("from the first name", color=style.BLUE, marker=".", linestyle=""),
         style.entry("to the first name", color=style.ORANGE, marker=".", linestyle=""),

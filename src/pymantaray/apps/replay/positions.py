@@ -84,12 +84,14 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     array([1.03])
     """
     check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)
+    # horizontal positions in metres
     frame = None
     coordinates = np.stack([events.source_position, events.receiver_position])[..., :2].copy()
     if events.geographic:
         flat = coordinates.reshape(-1, 2)
         frame = LocalFrame(float(np.median(flat[:, 0])), middle_longitude(flat[:, 1]))
         coordinates = np.stack(frame.to_local(coordinates[..., 0], coordinates[..., 1]), axis=-1)
+    # smooth the readings of each node
     names = np.stack([events.source, events.receiver])
     times = np.broadcast_to(events.time, names.shape)
     rows = []
@@ -117,6 +119,7 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
         }
         rows.append(row)
         coordinates[of_node] = smooth[reading_of]
+    # positions in the coordinates of the events
     table = pd.DataFrame(rows)
     if frame is not None:
         coordinates = np.stack(frame.to_geodetic(coordinates[..., 0], coordinates[..., 1]), axis=-1)

@@ -107,6 +107,7 @@ def run_study(
         LOG.warning(
             "mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h
         )
+    # refuse what cannot run before there is a folder
     study = build_study(with_tracks(config))
     count = study.realizations if study.solves else 0
     workers = worker_count(count, workers)
@@ -117,6 +118,7 @@ def run_study(
     watch = Stopwatch()
     if out is not None and (Path(out) / MANIFEST).is_file():  # a stop at its end left a checkpoint
         Checkpoint(Path(out).resolve(), "realizations").clear()
+    # mission and realizations; an interrupted run resumes
     with staged_folder(out, study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
         with ProcessPool(start_solver, workers) if workers > 1 else Pool(start_solver) as pool:
@@ -137,6 +139,7 @@ def run_study(
                 if study.solves:
                     with watch.stage("realizations"):
                         _solve(known, stage, pool, solved, keep, report, steps)
+        # results, and the manifest that describes them
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):

@@ -149,10 +149,12 @@ def table(
     from pymantaray.config.door.water import open_water
     from pymantaray.records.writing import whole_file
 
+    # water, and members of an ensemble
     keys = water.keys | arrivals.keys | choice.keys
     keys |= _sea_floor(ocean, keys, limits.deepest)
     opened = open_water(ocean, **keys)
     members = [open_water(path, **keys) for path in choice.ensemble or []]
+    # build and write the table
     with progress_bars(quiet=printing.quiet) as progress:
         built = build_table(
             opened,
@@ -171,6 +173,7 @@ def table(
         with whole_file(files.c_reader, replace=files.force) as temporary:
             temporary.write_text(c_header())
         written["c_reader"] = files.c_reader
+    # print its size and what it contains
     shares = built.shares()
     cells = len(built.tree.corner)
     size = built.tree.nbytes

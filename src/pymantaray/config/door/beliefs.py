@@ -445,6 +445,7 @@ def _file(section: FileBelief, beliefs: Beliefs, _n: int) -> Belief:
 
 def _local_of_files(section: FileBelief, beliefs: Beliefs) -> xr.Dataset:
     """Local ocean of a file in metres, of a cast, or of other files."""
+    # a study in metres needs a file in metres
     path = section.source[0]
     ocean = beliefs.config.ocean
     if file_in_metres(path):
@@ -460,6 +461,7 @@ def _local_of_files(section: FileBelief, beliefs: Beliefs) -> xr.Dataset:
             "has latitudes and longitudes, or is a cast, but the water of the study is in metres;"
             " give a file in metres"
         )
+    # an ocean or a cast with geographic positions
     centre = beliefs.centre
     north, east, bottom = _reach(beliefs.run.ocean).tolist()
     if not holds_casts(path):
@@ -481,6 +483,7 @@ def _local_of_files(section: FileBelief, beliefs: Beliefs) -> xr.Dataset:
         )
         sea_floor = build_sea_floor(ocean, beliefs.true)
         sea_floor = sea_floor_depth(beliefs.true) if sea_floor is None else sea_floor
+    # its local ocean, over the domain if it covers that
     window = Window.of(geographic, centre)
     half_extent = (north, east) if window.holds(north, east) else window.largest_rectangle()
     domain = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")

@@ -183,6 +183,7 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
     Residual of an error: its rotation vector w, then ``V^-1 t = t - w x t / 2 + c w x (w x t)`` of
     its translation t.
     """
+    # vector and scalar part of the quaternion, times a common factor
     trace = m[ERROR, 0, 0] + m[ERROR, 1, 1] + m[ERROR, 2, 2]
     if trace > 0.0:
         scalar = 1.0 + trace
@@ -201,9 +202,11 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         v[ETA, k] = sign * (1.0 + m[ERROR, k, k] - m[ERROR, a, a] - m[ERROR, b, b])
         v[ETA, a] = sign * (m[ERROR, a, k] + m[ERROR, k, a])
         v[ETA, b] = sign * (m[ERROR, b, k] + m[ERROR, k, b])
+    # angle, and the factor that makes the vector part w
     size = math.sqrt(v[ETA, 0] ** 2 + v[ETA, 1] ** 2 + v[ETA, 2] ** 2)
     angle = 2.0 * math.atan2(size, scalar)
     scale = angle / size if size > 1e-12 * scalar else 2.0 / scalar
+    # c and its derivative, by series near 0
     square = angle * angle
     if angle < _SMALL_ANGLE:
         bend, slope = (
@@ -215,6 +218,7 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         bend = (1.0 - 0.5 * angle * cot) / square
         slope = (-2.0 + 0.5 * angle * cot + 0.25 * square / (sine * sine)) / (square * square)
     v[BEND, 0], v[BEND, 1], v[BEND, 2] = bend, slope, square
+    # w, its products with t, and the residual
     for r in range(3):
         v[ETA, r] *= scale
     for r in range(3):  # w x t and w x (w x t) follow w and t in their rows
@@ -453,6 +457,7 @@ def add_sightings(sightings, blocks, poses, matrix, order, cost, work):  # type:
     j, m, v = work
     for i in range(cost.size):
         a, b = sightings.pose[i], sightings.landmark[i]
+        # landmark in the body frame of the pose
         for r in range(3):
             v[STRIDE, r] = 0.0
             for c in range(3):
@@ -460,6 +465,7 @@ def add_sightings(sightings, blocks, poses, matrix, order, cost, work):  # type:
                     poses.position[b, c] - poses.position[a, c]
                 )
             v[WHITE, r], v[WHITE, 3 + r] = 0.0, 0.0
+        # whitened residual and cost
         total = 0.0
         for r in range(3):
             for c in range(r + 1):
@@ -468,6 +474,7 @@ def add_sightings(sightings, blocks, poses, matrix, order, cost, work):  # type:
         cost[i] = 0.5 * total
         if order == 0:
             continue
+        # derivatives by the pose and by the landmark
         _cross(m, v[STRIDE, 0], v[STRIDE, 1], v[STRIDE, 2])
         for r in range(6):
             for c in range(6):
@@ -476,6 +483,7 @@ def add_sightings(sightings, blocks, poses, matrix, order, cost, work):  # type:
             for c in range(3):  # a rotation of the body rotates what it sees the other way
                 j[0, r, c] = m[CROSS, r, c]
                 j[0, r, 3 + c], j[1, r, 3 + c] = -poses.rotation[a, c, r], poses.rotation[a, c, r]
+        # their share of the matrix and of the gradient
         set_product(j, 2, root, i, j, 0)
         set_product(j, 3, root, i, j, 1)
         for p, variable in ((2, a), (3, b)):

@@ -47,6 +47,7 @@ def error_and_consistency(
 
     A marker of NEES is filled if all epochs are within their 95 % bounds, and empty if none is.
     """
+    # one row of panels, one line per condition
     names = list(errors["condition"])
     panels = 2 if consistency is None else 3
     rows = _ROW * len(names)
@@ -55,17 +56,20 @@ def error_and_consistency(
     )
     colours = [colour for colour, _ in style.condition_looks(names).values()]
     handles = list[Line2D | Patch]()
+    # errors at all times and at pings, with the lower bound
     under_water = at_pings.set_index("condition").reindex(names)
     _draw_errors(grid[0], errors["rmse_m"].to_numpy(), colours)
     _draw_errors(grid[1], under_water["rmse_m"].to_numpy(), colours)
     for least in under_water.loc[under_water.index == BASELINE, "bound_rmse_m"].dropna():
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
         handles.append(grid[1].axvline(least, label="lower bound", **look))
+    # names and titles
     axes = grid[0]
     axes.set_yticks(range(len(names)), list(style.condition_labels(names).values()))
     axes.set_ylim(len(names) - 0.4, -0.6)
     style.panel_title(axes, "a", "error at all times")
     style.panel_title(grid[1], "b", "under water at pings")
+    # NEES within its bounds, and the legend of its markers
     if consistency is not None:
         _draw_consistency(
             grid[2], consistency[consistency["statistic"] == "horizontal"], names, colours
@@ -85,6 +89,7 @@ def error_and_consistency(
         ]
     if handles:
         style.common_legend(figure, handles)
+    # grids and ticks
     for panel in grid:
         panel.grid(visible=False, axis="y")
         style.short_numbers(panel.xaxis)
