@@ -9,7 +9,7 @@ rays so steep there that they bend little over z.
 
 import numpy as np
 import pytest
-from lost_rays import several_extrema
+from lost_rays import random_links, several_extrema
 
 from pymantaray.acoustics import Medium, find_eigenrays
 
@@ -73,3 +73,12 @@ def test_rays_between_ends_above_the_sea_bed_have_twins(height):
     has = twins(find_eigenrays(medium, source, receiver, 1, 1), height, at_bottom=True)
     assert has.size > 75
     assert has.all()
+
+
+def test_rays_that_reflect_between_direct_ones_are_found_from_both_ends():
+    """From one end, the rays of the first fan on both sides of two of them do not reflect."""
+    medium = several_extrema(3)
+    ends = [end[17:18] for end in random_links(medium, 18, [7, 3], farthest=12e3)]
+    one, other = (find_eigenrays(medium, *both, 1, canonical=False) for both in (ends, ends[::-1]))
+    assert np.count_nonzero(one.surface_bounces) == 5
+    np.testing.assert_allclose(other.travel_time, one.travel_time, rtol=0.0, atol=1e-7)
