@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from lost_rays import random_links, several_extrema
 
+from pymantaray import open_water
 from pymantaray.acoustics import Medium, find_eigenrays
 
 BOTTOM = 600.0
@@ -75,10 +76,25 @@ def test_rays_between_ends_above_the_sea_bed_have_twins(height):
     assert has.all()
 
 
-def test_rays_that_reflect_between_direct_ones_are_found_from_both_ends():
+def test_rays_that_reflect_between_direct_ones_are_found():
     """From one end, the rays of the first fan on both sides of two of them do not reflect."""
     medium = several_extrema(3)
     ends = [end[17:18] for end in random_links(medium, 18, [7, 3], farthest=12e3)]
     one, other = (find_eigenrays(medium, *both, 1, canonical=False) for both in (ends, ends[::-1]))
     assert np.count_nonzero(one.surface_bounces) == 5
     np.testing.assert_allclose(other.travel_time, one.travel_time, rtol=0.0, atol=1e-7)
+
+
+def test_rays_between_those_that_reflect_again_are_found():
+    """Pairs about a caustic near the surface, which end between 2.6 and 3 km; two are left out."""
+    medium, _ = open_water("synthetic:beaufort").at_start
+    north = np.linspace(2600.0, 3000.0, 21)
+    ends = [
+        np.column_stack([r, 0.0 * r, 0.0 * r + z]) for r, z in ((0.0 * north, 1.0), (north, 5.0))
+    ]
+    one, other = (
+        np.bincount(find_eigenrays(medium, *both, 1, canonical=False).link, minlength=21)
+        for both in (ends, ends[::-1])
+    )
+    assert one.sum() == 119
+    assert np.abs(one - other).sum() <= 4

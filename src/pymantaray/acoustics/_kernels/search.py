@@ -998,9 +998,7 @@ def _judge(a, b, varies, course, search):
         return _SPLIT, False
     if reflecting and not same:
         believed = h < search.trust or min(abs(a[at.ANGLE]), abs(b[at.ANGLE])) > search.steep
-        tol = max(a[at.TOL], b[at.TOL])
-        sure = tol <= search.fine or min(abs(a[at.MISS]), abs(b[at.MISS])) > 4.0 * tol
-        edge = believed and sure and _cannot_vanish(a, h) and _cannot_vanish(b, h)
+        edge = believed and _cannot_vanish(a, h) and _cannot_vanish(b, h)
         weak = min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
         least = search.min_width if weak else min(search.min_width, _NARROWEST_EDGE)
         return _EDGE if edge or h < least else _SPLIT, False

@@ -42,7 +42,8 @@ _SPACING_LEGS = 0.13  # rad
 # of the plane
 _OVERHANG = 0.08
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
-_LATE = 0.25  # of the course, see `Search`
+# of the course, see `Search`; in water that varies with depth only, and in other water
+_LATE, _LATE_BENT = 0.25, 0.06
 # m; the steps of rays to a receiver nearer to a boundary end at the levels: across a level, a step
 # has an error of centimetres that its estimate does not show
 _BESIDE = 0.5
@@ -194,7 +195,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
         width, trust = 1e-3 * width, 1e-3 * trust
     gridded = walls.bed.depth.size > 1 and course.rule.fold == 0
     overhang = min(_OVERHANG, reach.slope + reach.across) if gridded else 0.0
-    coarse, late = accuracy.coarse, 0.0
+    coarse, late = accuracy.coarse, _LATE_BENT
     if s.kind == at.SMOOTH and fits_curves(s, walls, course, math.inf, 0.0):
         coarse, late = accuracy.fine, _LATE
     search = Search(
