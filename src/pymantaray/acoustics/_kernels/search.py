@@ -963,10 +963,7 @@ def _add_around(ray, fine, n, interval, work):
 
 @kernel
 def _is_rough(a, b, h, length):
-    """
-    True if the slopes of the miss at two rays and its rise between them differ by so much that rays
-    between them may have other reflections.
-    """
+    """True if the miss is not smooth between two rays, so that rays between them may reflect."""
     rise = b[at.MISS] - a[at.MISS]
     defect = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
     return defect > _ROUGH * max(abs(rise), length * h)

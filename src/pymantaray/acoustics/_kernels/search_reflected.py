@@ -41,7 +41,8 @@ _SPACING_LEGS = 0.13  # rad
 # rad; a ray up to this angle beyond an edge of its cells in the plane may be within the cells out
 # of the plane
 _OVERHANG = 0.08
-_RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
+# rad; narrower windows between changes of reflections are searched for strong rays only
+_RESOLUTION = 1e-6
 # of the course, see `Search`; in water that varies with depth only, and in other water
 _LATE, _LATE_BENT = 0.25, 0.06
 # m; the steps of rays to a receiver nearer to a boundary end at the levels: across a level, a step
