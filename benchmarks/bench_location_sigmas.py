@@ -93,6 +93,11 @@ class Truth:
         speeds = [ONE_SPEED, ONE_SPEED]
         return Medium.from_profile([0.0, 7000.0], speeds, bottom_depth=7000.0)
 
+    def true_medium(self) -> Medium:
+        """Water of the travel times on the Earth that made them."""
+        water = self.medium()
+        return water.with_earth(EarthSphere(EARTH)) if self.earth == "sphere" else water
+
 
 def sailed(shape: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, places and courses of a ship on a pattern."""
@@ -215,7 +220,7 @@ def _row(shape: str, noise: float, what: Truth, seeds: range, *, drifts: bool) -
         found = locate(survey, medium, options_of(survey_truth))
         covariance = found.covariance
         squares.append(_square(found.positions[0] - truth, covariance, axes))
-        known = Known(survey, medium, noise, truth)
+        known = Known(survey, survey_truth.true_medium(), noise, truth)
         mean, unsure = known.average()
         ideal.append(_square(mean, unsure, axes))
         right = np.diag(known.posteriors[drifts][2])[axes]
