@@ -13,8 +13,9 @@ and size and memory of the drift, and that half of all surveys have one: what it
 rule can. A survey takes 0.2 s.
 
 ``--earth flat`` or ``sphere`` does not state the Earth, with this truth in water of one speed.
-``--lever-error F S`` and ``--heading-error DEG`` give the ship headings and a lever arm that are
-wrong by these, on a pattern that is sailed in all directions (``laps``) as well.
+``--lever-error F S`` and ``--heading-error DEG`` give the ship headings and a lever arm of 21 m
+that are wrong by these (``0 0``: right), on a pattern that is sailed in all directions (``laps``)
+as well.
 """
 
 import argparse
@@ -197,7 +198,8 @@ def main() -> None:
     parser.add_argument("--heading-error", type=float, default=0.0)
     chosen = parser.parse_args()
     lever_error = None if chosen.lever_error is None else tuple(chosen.lever_error)
-    what = Truth(chosen.earth, lever_error, np.radians(chosen.heading_error))
+    heading_error = np.radians(chosen.heading_error)
+    what = Truth(chosen.earth, lever_error=lever_error, heading_error=heading_error)
     seeds = range(chosen.first_seed, chosen.first_seed + chosen.surveys)
     print(
         "pattern  noise [ms]  drift  inside 95 %             sigma  median  ideal:    sigma  models"
