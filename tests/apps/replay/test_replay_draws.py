@@ -6,7 +6,6 @@ time, mirror images, what is refused, and the suggestion to allow reflections.
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from arctic import BOTTOM, DEPTH, cast
 from refusals import refused
@@ -14,7 +13,6 @@ from refusals import refused
 from pymantaray import Water
 from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.apps.replay import Events, PredictionOptions, replay_events
-from pymantaray.apps.replay.draws import DrawnArrivals, error_of_draws, merge_draws
 from pymantaray.apps.replay.shared_links import ice_stretches
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
@@ -138,55 +136,6 @@ def test_a_draw_and_its_mirror_image_cancel_to_first_order():
     rough = Roughness(0.01, 20.0, draw=3)
     upside_down = rough.with_draw(-4).elevation_at([0.0, 30.0], [5.0, 70.0])
     np.testing.assert_array_equal(upside_down, -rough.elevation_at([0.0, 30.0], [5.0, 70.0]))
-
-
-def likeliest_candidates(draws, sets, seed):
-    """
-    Time [ms] and loss of the likeliest candidate of sets of draws: an arrival spread by 0.1 ms, in
-    every tenth draw a second one 0.7 to 0.9 ms earlier, and losses that facets focus.
-    """
-    rng = np.random.default_rng(seed)
-    found = []
-    for _ in range(sets):
-        early = np.flatnonzero(rng.random(draws) < 0.1)
-        draw = np.concatenate([np.arange(draws), early])
-        time = 1e-4 * rng.normal(size=draw.size)
-        time[draws:] -= rng.uniform(7e-4, 9e-4, early.size)
-        nothing = np.zeros(draw.size, dtype=np.int64)
-        loss = 60.0 - 4.0 * rng.gumbel(size=draw.size)
-        gradient = np.zeros((draw.size, 3))
-        rows = DrawnArrivals(nothing, draw, 1.0 + time, loss, nothing, nothing, gradient)
-        table = merge_draws(rows, draws)
-        best = table.loc[table["share"].idxmax()]
-        found.append([1e3 * (best["travel_time_s"] - 1.0), best["loss_db"]])
-    return np.array(found)
-
-
-def test_errors_of_candidates_fall_with_the_root_of_the_draws():
-    few, many = (likeliest_candidates(draws, 200, seed=draws) for draws in (8, 128))
-    ratio = few.std(axis=0) / many.std(axis=0)
-    assert np.all(ratio > 3.2), ratio  # 4 for independent draws, with an error of 0.3
-    assert abs(many[:, 0].mean()) < 0.02, "the early arrivals are another candidate"
-
-
-def test_the_error_of_draws_is_that_of_their_mean():
-    """Groups with errors of 10 % of a size: four of them have 5 %, so all draws are needed."""
-    rng = np.random.default_rng(5)
-    sizes = 3.0 * (1.0 + 0.1 * rng.normal(size=(2000, 4)))
-    tables = [
-        error_of_draws(pd.DataFrame({"draws": 4, "median_size_m": row, "q90_size_m": 2.0 * row}))
-        for row in sizes
-    ]
-    errors = np.array([table["standard_error_m"] for table in tables])
-    truth = sizes.mean(axis=1).std()
-    np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)), [truth, 2.0 * truth], rtol=0.06)
-    needed = np.mean([table["draws_needed"] for table in tables], axis=0)
-    np.testing.assert_allclose(needed, 16.5, rtol=0.06)  # rounded up
-    infinite = error_of_draws(
-        pd.DataFrame({"draws": 4, "median_size_m": [1.0, 1.0], "q90_size_m": [2.0, np.inf]})
-    )
-    assert infinite["draws_needed"][0] == 1.0
-    assert infinite.loc[1].drop("quantile").isna().all()
 
 
 def test_draws_of_smooth_ice_are_refused():

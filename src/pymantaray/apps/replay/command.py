@@ -225,18 +225,12 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
         if name in tables:
             out.table(tables[name])
     if "draws" in result.more:
-        table = result.more["draws_error"]
-        known = table.dropna()
-        words = [
-            f"{name} {row.size_m:.2f} ± {row.standard_error_m:.3f} m"
-            for name, row in zip(("median", "90 %"), table.itertuples(), strict=True)
-            if row.Index in known.index
-        ]
-        words += [f"errors of 5 % need about {known['draws_needed'].max():.0f} draws"] * bool(words)
+        draws = result.more["draws"]
+        low, high = draws["median_size_m"].min(), draws["median_size_m"].max()
         out.line(
-            f"by the draws, without learning: {', '.join(words) or 'too few predictions'}",
-            draws=result.more["draws"],
-            draws_error=table,
+            f"median by groups of {draws['draws'].min()} draws, without learning: {low:.2f} to"
+            f" {high:.2f} m",
+            draws=draws,
         )
     # clocks, unless there are many
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])

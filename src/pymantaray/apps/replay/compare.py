@@ -23,7 +23,6 @@ from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
     draw_groups,
-    error_of_draws,
     predict_draws,
     with_median_candidate,
 )
@@ -72,8 +71,6 @@ CAPTIONS = {
     " infinite",
     "draws": "Residuals of all events by independent groups of draws, without learning; they show"
     " the spread over draws",
-    "draws_error": "Standard error of the median and of the 90 % quantile of the errors that is due"
-    " to the draws, and the number of draws that would bring it to 5 %",
     "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
     " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
@@ -377,7 +374,6 @@ def replay_events(
         if of_groups:
             unlearned = replace(options, learn=None)
             more["draws"] = _draws_table(of_groups, rule, unlearned, detector)
-            more["draws_error"] = error_of_draws(more["draws"])
     # residuals and what they show
     table = _with_residuals(table)
     if has_mixture:
@@ -442,16 +438,8 @@ def _draws_table(
     options: PredictionOptions,
     detector: Detector | None,
 ) -> pd.DataFrame:
-    """
-    Residuals of all events by each group of draws alone.
-
-    The error that nothing else explains is that of the first group in all: its search takes most of
-    the time.
-    """
-    scored: list[pd.DataFrame] = []
-    for one in of_groups:
-        unexplained = float(scored[0]["unexplained_s"].iloc[0]) if scored else None
-        scored.append(_with_mixture(*one, rule, options, detector, unexplained)[0])
+    """Residuals of all events by each group of draws alone."""
+    scored = [_with_mixture(*one, rule, options, detector)[0] for one in of_groups]
     sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
     return pd.DataFrame(
         {
@@ -481,7 +469,6 @@ def _with_mixture(
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
-    unexplained: float | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, pd.DataFrame]]:
     """
     Events with the error of each prediction, candidates with their probabilities, and tables of
@@ -511,12 +498,7 @@ def _with_mixture(
         }
     else:
         mixture = predict_mixture(
-            table,
-            candidates,
-            options,
-            persistence=persistence,
-            merit_db=merit,
-            unexplained=unexplained,
+            table, candidates, options, persistence=persistence, merit_db=merit
         )
     all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":

@@ -29,7 +29,6 @@ Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
 _MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
 _MIN_GROUPS, _MAX_GROUPS = 2, 4  # of draws, which are scored for the spread
-_GOOD_SHARE = 0.05  # of a size, for its standard error
 _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 MERGED = 1e-3
@@ -78,12 +77,11 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
 
     Notes
     -----
-    Arrivals of an event with the same bounces are one candidate in each interval of 1 ms, with the
-    median of their times in the middle of one interval. The time is the mean of the arrivals'. The
-    loss is their mean loss [dB], less that of the mean number of arrivals in the draws that contain
-    the candidate. The result does not depend on the order of the arrivals. Neither the earliest
-    arrival nor the strongest decides: with more draws, the one becomes earlier, and the other,
-    focused by a facet, stronger.
+    Arrivals of an event with the same bounces are sorted by time. The earliest begins a candidate,
+    which takes all arrivals less than 1 ms later; the next arrival begins the next candidate. The
+    loss of a candidate is that of the mean power of the draws that contain it, to which all its
+    arrivals in a draw contribute; its time is the mean weighted by power. The result does not
+    depend on the order of the arrivals.
     """
     # arrivals of an event with the same bounces, by time
     order = np.lexsort(
@@ -98,32 +96,36 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     )
     event, draw, time, loss, surface, bottom, gradient = (column[order] for column in arrivals)
     # the first arrival of each candidate
-    begins = np.ones(time.size, dtype=bool)
-    begins[1:] = np.any([np.diff(column) != 0 for column in (event, surface, bottom)], axis=0)
-    start = np.flatnonzero(begins)
-    count = np.diff(start, append=time.size)
-    median = 0.5 * (time[start + (count - 1) // 2] + time[start + count // 2])
-    interval = np.floor((time - np.repeat(median, count)) / MERGED + 0.5)
-    first = begins.copy()
-    first[1:] |= np.diff(interval) != 0.0
-    # mean time, loss and spread of each candidate
+    first = np.zeros(time.size, dtype=bool)
+    start = -np.inf
+    before = (-1, -1, -1)
+    for i, key in enumerate(zip(event.tolist(), surface.tolist(), bottom.tolist(), strict=True)):
+        if key != before or time[i] - start >= MERGED:
+            first[i] = True
+            start = time[i]
+            before = key
+    # mean power, mean time and spread of each candidate
     group = np.cumsum(first) - 1
-    size = np.bincount(group)
-    n = size.size
+    n = int(group[-1]) + 1 if group.size else 0
+    power = 10.0 ** (-0.1 * loss)
+    total = np.bincount(group, power, minlength=n)
     in_draws = np.bincount(np.unique(group * draws + draw) // draws, minlength=n)
-    mean = np.bincount(group, time) / size
-    variance = np.bincount(group, (time - mean[group]) ** 2) / size
+    mean = np.bincount(group, power * time, minlength=n) / total
+    unweighted_mean = np.bincount(group, time, minlength=n) / np.bincount(group, minlength=n)
+    variance = np.bincount(group, (time - unweighted_mean[group]) ** 2, minlength=n) / np.bincount(
+        group, minlength=n
+    )
     columns = {
         "event": event[first],
         "travel_time_s": mean,
-        "loss_db": np.bincount(group, loss) / size - 10.0 * np.log10(size / in_draws),
+        "loss_db": -10.0 * np.log10(total / np.maximum(in_draws, 1)),
         "surface_bounces": surface[first],
         "bottom_bounces": bottom[first],
         "share": in_draws / draws,
         "spread_s": np.sqrt(variance),
     }
     for name, derivative in zip(GRADIENT, gradient.T, strict=True):
-        columns[name] = np.bincount(group, derivative) / size
+        columns[name] = np.bincount(group, power * derivative, minlength=n) / total
     table = pd.DataFrame(columns)
     return table.sort_values(["event", "travel_time_s"], kind="stable", ignore_index=True)
 
@@ -236,43 +238,6 @@ def draw_groups(draws: int) -> list[Rows]:
     if groups < _MIN_GROUPS:
         return [numbers]
     return [numbers, *(numbers[numbers // 2 % groups == k] for k in range(groups))]
-
-
-def error_of_draws(groups: pd.DataFrame) -> pd.DataFrame:
-    """
-    Standard errors of the sizes of residuals that are due to the draws.
-
-    Parameters
-    ----------
-    groups : pandas.DataFrame
-        ``draws``, ``median_size_m`` and ``q90_size_m`` of independent groups of draws.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Of the median and the 90 % quantile, one row each: mean ``size_m`` of the groups, the
-        ``standard_error_m`` of all draws together, and ``draws_needed``, for a standard error of 5
-        % of the size; NaN if events without a prediction make a size infinite.
-
-    Notes
-    -----
-    The standard error is the standard deviation of the groups over the root of their number, as if
-    the variance were inverse to the number of draws. Two to four groups tell it within a factor of
-    about two.
-    """
-    sizes = groups[["median_size_m", "q90_size_m"]].to_numpy()
-    with np.errstate(invalid="ignore"):
-        size = np.where(np.isfinite(sizes).all(axis=0), sizes.mean(axis=0), np.nan)
-        error = sizes.std(axis=0, ddof=1) / np.sqrt(len(groups)) + 0.0 * size
-    needed = int(groups["draws"].sum()) * (error / (_GOOD_SHARE * size)) ** 2
-    return pd.DataFrame(
-        {
-            "quantile": [0.5, 0.9],
-            "size_m": size,
-            "standard_error_m": error,
-            "draws_needed": np.maximum(np.ceil(needed), 1.0),
-        }
-    )
 
 
 def _arrivals_of(
