@@ -315,8 +315,8 @@ def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsy
     )
     times = {"event": np.repeat(n, 2), "travel_time_s": np.tile([2.0, 2.02], 40), "loss_db": 70.0}
     sizes = pd.DataFrame({"name": ["water"], "value": [4e-4]})
-    groups = {"group": [1, 2, 3], "draws": [3, 2, 2], "median_size_m": [2.5, 1.25, 2.0]}
-    more = {"coverage": sizes, "error_sizes": sizes, "draws": pd.DataFrame(groups)}
+    draws = {"draws": [8], "median_size_m": [2.5], "median_error_m": [0.25]}
+    more = {"coverage": sizes, "error_sizes": sizes, "draws": pd.DataFrame(draws)}
     result = replace(
         made_replay, events=events, candidates=pd.DataFrame(times), window=100.0, more=more
     )
@@ -324,7 +324,8 @@ def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsy
     for printer in (told, Printer(quiet=False)):
         _print_result(printer, result, Path("page"))
     text = capsys.readouterr().out
-    assert "median by groups of 2 draws, without learning: 1.25 to 2.50 m" in text
+    said = "median without learning: 2.500 ± 0.250 m (standard error due to 8 draws, 10 %)"
+    assert said in text
     assert "candidates change in 0.474 of 38 steps of 90 s, 0.526 if independent" in text
     clock = result.clocks.set_index("node").loc["B"]
     assert f"B +0.500 ± {1e3 * clock['standard_error_s']:.3f}" in text

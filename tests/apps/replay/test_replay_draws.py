@@ -13,6 +13,7 @@ from refusals import refused
 from pymantaray import Water
 from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.apps.replay import Events, PredictionOptions, replay_events
+from pymantaray.apps.replay.compare import jackknife_error
 from pymantaray.apps.replay.shared_links import ice_stretches
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
@@ -136,6 +137,27 @@ def test_a_draw_and_its_mirror_image_cancel_to_first_order():
     rough = Roughness(0.01, 20.0, draw=3)
     upside_down = rough.with_draw(-4).elevation_at([0.0, 30.0], [5.0, 70.0])
     np.testing.assert_array_equal(upside_down, -rough.elevation_at([0.0, 30.0], [5.0, 70.0]))
+
+
+def test_the_jackknife_of_a_mean_is_its_standard_error():
+    values = np.random.default_rng(4).normal(size=(8, 2))
+    without = (values.sum(axis=0) - values) / 7
+    expected = values.std(axis=0, ddof=1) / np.sqrt(8)
+    np.testing.assert_allclose(jackknife_error(without), expected)
+    assert np.isnan(jackknife_error(np.array([[1.0], [np.inf], [2.0], [1.5]]))).all()
+
+
+def test_eight_draws_have_a_standard_error_of_the_median():
+    events = drifting([0.0, 600.0, 3700.0, 7300.0], [0.0, 40.0, 80.0, 120.0])
+    few, enough = (
+        replay_events(events, water(), "persist", options=PredictionOptions(n)) for n in (7, 8)
+    )
+    assert "draws" not in few.more
+    row = enough.more["draws"].iloc[0]
+    assert (row["draws"], row["groups"]) == (8, 4)
+    sizes = enough.events["residual_m"].abs()
+    assert sizes.min() <= row["median_size_m"] <= row["q90_size_m"] <= sizes.max()
+    assert np.isfinite(row[["median_error_m", "q90_error_m"]].to_numpy()).all()
 
 
 def test_draws_of_smooth_ice_are_refused():

@@ -74,3 +74,32 @@ def test_intervals_cover_the_odd_hours_after_the_correction(fitted):
     assert odd["within_95_low"] <= odd["within_95"] <= odd["within_95_high"]
     assert odd["median_size_m"] < 1.0
     print(scored.more["coverage"].to_string())
+
+
+def test_the_standard_error_due_to_draws_is_near_the_spread_over_other_draws(fitted):
+    """
+    16 sets of eight draws, none in two sets, predict two hours of events.
+
+    A jackknife tends to be too large: its bound above is wider.
+    """
+    events, waters, _, result = fitted
+    early = events.time < 7200.0
+    columns = {f.name: getattr(events, f.name) for f in fields(events)}
+    arrays = {
+        name: column[early]
+        for name, column in columns.items()
+        if isinstance(column, np.ndarray) and column.size
+    }
+    some = correct_events(replace(events, **arrays), result)
+    tables = []
+    for number in range(16):
+        surface = waters[0].medium.surface
+        rough = surface.roughness.with_draw(4 * number)
+        medium = replace(waters[0].medium, surface=surface.with_roughness(rough))
+        replay = replay_events(some, replace(waters[0], medium=medium), "persist", options=OPTIONS)
+        tables.append(replay.more["draws"].iloc[0])
+    for name in ("median", "q90"):
+        true = np.std([row[f"{name}_size_m"] for row in tables], ddof=1)
+        stated = np.sqrt(np.mean([row[f"{name}_error_m"] ** 2 for row in tables]))
+        print(name, true, stated)
+        assert true / 1.5 < stated < 2.0 * true

@@ -46,10 +46,13 @@ def test_times_of_shared_links_are_those_of_each_event(as_stored):
     as_stored([replay.events, replay.candidates])
 
 
-def test_groups_contain_every_draw_once_beside_its_mirror_image(as_stored):
-    everything, *groups = draw_groups(16)
-    assert [len(group) for group in groups] == [4] * 4
-    np.testing.assert_array_equal(np.sort(np.concatenate(groups)), everything)
-    assert [group.tolist() for group in draw_groups(7)[1:]] == [[0, 1, 6], [2, 3], [4, 5]]
-    assert len(draw_groups(1)) == len(draw_groups(3)) == 1
+def test_every_draw_is_left_out_once_beside_its_mirror_image(as_stored):
+    everything, *without = draw_groups(16)
+    left_out = [np.setdiff1d(everything, members) for members in without]
+    assert [pair.tolist() for pair in left_out] == [[2 * k, 2 * k + 1] for k in range(8)]
+    everything, *without = draw_groups(35)
+    left_out = [np.setdiff1d(everything, members) for members in without]
+    np.testing.assert_array_equal(np.sort(np.concatenate(left_out)), everything)
+    assert all(np.isin(group // 2 * 2, group).all() for group in left_out)
+    assert len(draw_groups(1)) == len(draw_groups(7)) == 1
     as_stored(draw_groups(16))

@@ -217,7 +217,7 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
         clocks=result.clocks,
         switching=result.switching,
     )
-    # tables, and the spread over groups of draws
+    # tables, and the standard error due to the draws
     out.table(result.brief_summary)
     tables = result.tables
     learned = ("horizons", "error_sizes") if "error_sizes" in tables else ()
@@ -226,10 +226,11 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
             out.table(tables[name])
     if "draws" in result.more:
         draws = result.more["draws"]
-        low, high = draws["median_size_m"].min(), draws["median_size_m"].max()
+        row = draws.iloc[0]
+        share = 100.0 * row["median_error_m"] / row["median_size_m"]
         out.line(
-            f"median by groups of {draws['draws'].min()} draws, without learning: {low:.2f} to"
-            f" {high:.2f} m",
+            f"median without learning: {row['median_size_m']:.3f} ± {row['median_error_m']:.3f} m"
+            f" (standard error due to {row['draws']:.0f} draws, {share:.0f} %)",
             draws=draws,
         )
     # clocks, unless there are many

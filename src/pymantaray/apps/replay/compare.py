@@ -22,7 +22,6 @@ from pymantaray.apps.replay.consistency import ClockFit, fit_clocks_and_nodes, n
 from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
-    draw_groups,
     predict_draws,
     with_median_candidate,
 )
@@ -69,8 +68,8 @@ CAPTIONS = {
     "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
     " nothing else explains; odd hours test it. Sizes count events without a prediction as"
     " infinite",
-    "draws": "Residuals of all events by independent groups of draws, without learning; they show"
-    " the spread over draws",
+    "draws": "Sizes of the residuals of all events without learning, and their standard errors due"
+    " to the draws: a jackknife that leaves out each group of draws once",
     "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
     " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
@@ -364,16 +363,20 @@ def replay_events(
             parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
     # one table of all waters, with the mixture of all draws
-    (table, all_candidates), *of_groups = (
+    all_draws, *of_groups = (
         _joined(events, predictions) for predictions in zip(*parts, strict=True)
     )
+    table, all_candidates = all_draws
     more: dict[str, pd.DataFrame] = {}
     if has_mixture:
         detector = waters[0].reception.detector
         table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)
         if of_groups:
             unlearned = replace(options, learn=None)
-            more["draws"] = _draws_table(of_groups, rule, unlearned, detector)
+            unexplained = None if options.learn else float(table["unexplained_s"].iloc[0])
+            more["draws"] = _draws_table(
+                [all_draws, *of_groups], rule, unlearned, detector, unexplained
+            )
     # residuals and what they show
     table = _with_residuals(table)
     if has_mixture:
@@ -433,22 +436,48 @@ def _with_residuals(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _draws_table(
-    of_groups: Sequence[tuple[pd.DataFrame, pd.DataFrame]],
+    predictions: Sequence[tuple[pd.DataFrame, pd.DataFrame]],
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
+    unexplained: float | None,
 ) -> pd.DataFrame:
-    """Residuals of all events by each group of draws alone."""
-    scored = [_with_mixture(*one, rule, options, detector)[0] for one in of_groups]
-    sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
-    return pd.DataFrame(
-        {
-            "group": np.arange(1, len(scored) + 1),
-            "draws": [members.size for members in draw_groups(options.draws)[1:]],
-            "median_size_m": [quantile_of(size.to_numpy(), 0.5) for size in sizes],
-            "q90_size_m": [quantile_of(size.to_numpy(), 0.9) for size in sizes],
-        }
-    )
+    """
+    Sizes of the residuals of all draws, and their standard errors due to the draws.
+
+    The predictions are those of all draws, then those without each group. All have the same
+    unexplained error [s], by default that of all draws, because its estimate takes most of the
+    time.
+    """
+    sizes = []
+    for prediction in predictions:
+        table, *_ = _with_mixture(*prediction, rule, options, detector, unexplained)
+        unexplained = float(table["unexplained_s"].iloc[0])
+        size = _with_residuals(table)["residual_m"].abs().fillna(np.inf).to_numpy()
+        sizes.append([quantile_of(size, 0.5), quantile_of(size, 0.9)])
+    (median, q90), *without = sizes
+    median_error, q90_error = jackknife_error(np.array(without))
+    row = {
+        "draws": options.draws,
+        "groups": len(without),
+        "median_size_m": median,
+        "median_error_m": median_error,
+        "q90_size_m": q90,
+        "q90_error_m": q90_error,
+    }
+    return pd.DataFrame([row])
+
+
+def jackknife_error(without: Array) -> Array:
+    """
+    Standard error of statistics from their values without each group of draws (groups, statistics).
+
+    NaN if a value is infinite, as for a quantile among events without a prediction.
+    """
+    groups = len(without)
+    with np.errstate(invalid="ignore"):
+        deviation = without - without.mean(axis=0)
+    return np.asarray(np.sqrt((groups - 1) / groups * np.sum(deviation**2, axis=0)))
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
@@ -469,12 +498,14 @@ def _with_mixture(
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
+    unexplained: float | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, pd.DataFrame]]:
     """
     Events with the error of each prediction, candidates with their probabilities, and tables of
     what was learned.
 
-    The rule ``persist`` takes the median candidate.
+    The rule ``persist`` takes the median candidate. The unexplained error [s] is estimated if it is
+    None or if errors are learned.
     """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
     persistence = 60.0 * rule.persist_min
@@ -498,7 +529,12 @@ def _with_mixture(
         }
     else:
         mixture = predict_mixture(
-            table, candidates, options, persistence=persistence, merit_db=merit
+            table,
+            candidates,
+            options,
+            persistence=persistence,
+            merit_db=merit,
+            unexplained=unexplained,
         )
     all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":

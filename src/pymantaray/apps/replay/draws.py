@@ -28,7 +28,7 @@ from pymantaray.sensing.water import Water
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
 _MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
-_MIN_GROUPS, _MAX_GROUPS = 2, 4  # of draws, which are scored for the spread
+_MIN_GROUPS, _MAX_GROUPS = 4, 8  # of draws, each of which is left out once
 _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 MERGED = 1e-3
@@ -163,7 +163,7 @@ def predict_draws(
     """
     Prediction of some events by the merged arrivals of several draws, and all candidates.
 
-    The first is that of all draws. Those of groups of draws follow, see `draw_groups`. Draws come
+    The first is that of all draws. Those without each group follow, see `draw_groups`. Draws come
     in pairs, of which the second is the first upside down: their errors of travel time cancel to
     first order in the elevation.
     """
@@ -214,7 +214,7 @@ def predict_draws(
         "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
         "chord_s": chord * distance / np.maximum(shared_distance, 1e-9),
     }
-    # candidates of all draws, and of each group
+    # candidates of all draws, and of all but one group
     predictions = []
     for members in draw_groups(draws):
         of_group = arrivals.at(np.isin(arrivals.draw, members))
@@ -229,15 +229,15 @@ def predict_draws(
 
 def draw_groups(draws: int) -> list[Rows]:
     """
-    All draws, and two to four independent groups of them if there are four draws or more.
+    All draws, and if there are eight or more, all draws but one of four to eight groups.
 
-    A draw and its mirror image are in the same group.
+    A draw and its mirror image are in the same group, so groups are independent.
     """
     numbers = np.arange(draws)
-    groups = min(_MAX_GROUPS, draws // 2)
+    groups = min(_MAX_GROUPS, draws // 2)  # of mirrored pairs
     if groups < _MIN_GROUPS:
         return [numbers]
-    return [numbers, *(numbers[numbers // 2 % groups == k] for k in range(groups))]
+    return [numbers, *(numbers[numbers // 2 % groups != k] for k in range(groups))]
 
 
 def _arrivals_of(

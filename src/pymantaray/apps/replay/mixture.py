@@ -85,6 +85,7 @@ def predict_mixture(
     *,
     persistence: float = 0.0,
     merit_db: float | None = None,
+    unexplained: float | None = None,
 ) -> Mixture:
     """
     Predict each event by a mixture over its candidates, with the receptions before it.
@@ -101,6 +102,8 @@ def predict_mixture(
         choices. [s]
     merit_db : float, optional
         Figure of merit of a sonar, for `first_detected`.
+    unexplained : float, optional
+        Error that nothing else explains; by default estimated from even hours. [s]
 
     Returns
     -------
@@ -123,11 +126,12 @@ def predict_mixture(
     data = EventData.of(events, candidates, known, prior)
     even = (np.floor(events["time_s"].to_numpy() / HOUR) % 2) == 0
     even = even if even.any() else ~even
-    scores = []
-    for unexplained in _UNEXPLAINED:
-        _, log_likelihood = _follow(data, np.hypot(known, unexplained), persistence)
-        scores.append(np.nansum(log_likelihood[even]))
-    unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
+    if unexplained is None:
+        scores = []
+        for size in _UNEXPLAINED:
+            _, log_likelihood = _follow(data, np.hypot(known, size), persistence)
+            scores.append(np.nansum(log_likelihood[even]))
+        unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
     sigma = np.hypot(known, unexplained)
     probability, log_likelihood = _follow(data, sigma, persistence)
     at = candidates["event"].to_numpy(dtype=np.int64)
