@@ -76,7 +76,7 @@ def test_intervals_cover_the_odd_hours_after_the_correction(fitted):
     print(scored.more["coverage"].to_string())
 
 
-def test_the_standard_error_due_to_draws_is_near_the_spread_over_other_draws(fitted):
+def test_the_error_due_to_draws_is_near_the_spread_over_sets(fitted):
     """
     16 sets of eight draws, none in two sets, predict two hours of events.
 
