@@ -18,7 +18,7 @@ MEMORIES = {
     "apps/study/figures/register.py: _REGISTER": "figures by name, which imported modules add",
     "apps/study/mission.py: medium_of_run": "of one run, by the time in its own water",
     "apps/study/references.py: _references": SOURCE,
-    "apps/sweep/stages.py: _LATEST": "by the stage's key, with the content of its files",
+    "apps/sweep/stages.py: LATEST": "by the stage's key, with the content of its files",
     "cli/printing.py: _flags": "options of commands, the same in each process",
     "cli/main.py: tree": "commands of applications, the same in each process",
     "compile/kernel.py: _digest": SOURCE,
@@ -74,7 +74,10 @@ def is_container(value):
 
 
 def memories(nodes):
-    """Names of cached functions, of module and class attributes that begin empty, and globals."""
+    """
+    Names of cached functions, of module and class attributes that begin empty or contain caches,
+    and globals.
+    """
     caches = [one for one in nodes if isinstance(one, ast.Call) and name_of(one.func) in CACHES]
     for node in nodes:
         if isinstance(node, ast.Global):
@@ -86,7 +89,9 @@ def memories(nodes):
                 yield node.name
         if isinstance(node, ast.Module | ast.ClassDef):
             for one in node.body:
-                if isinstance(one, ast.Assign | ast.AnnAssign) and is_container(one.value):
+                if isinstance(one, ast.Assign | ast.AnnAssign) and (
+                    is_container(one.value) or any(call in caches for call in ast.walk(one))
+                ):
                     target = one.target if isinstance(one, ast.AnnAssign) else one.targets[0]
                     yield ast.unparse(target)
 

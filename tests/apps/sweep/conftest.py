@@ -20,7 +20,8 @@ def ocean_of():
 @pytest.fixture(autouse=True)
 def nothing_in_memory(monkeypatch, ocean_of):
     """What one test computed is not there for the next, but for oceans."""
-    stages._LATEST.clear()
+    for latest in stages.LATEST.values():
+        latest.cache_clear()
     monkeypatch.setattr(stages, "open_ocean", lambda ocean, _: ocean_of(ocean.section))
 
 

@@ -126,7 +126,8 @@ def test_stages_that_points_share_are_computed_once_and_removed(here, counted, d
 def test_stages_from_the_store_change_no_digit(here, depths, tmp_path):
     results = run_sweep(depths, tmp_path / "kept", keep_stages=True)
     assert len(list((tmp_path / "kept" / "stages").iterdir())) == 5
-    stages._LATEST.clear()
+    for latest in stages.LATEST.values():
+        latest.cache_clear()
     for path in (tmp_path / "kept" / "points").glob("*/*"):
         path.unlink()
     again = run_sweep(depths, tmp_path / "kept")
@@ -315,7 +316,8 @@ def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp
     plan = SweepPlan(sweep)
     shared = frozenset(STAGES)
     run_task(store.url, SweepTask(RAYS, plan.keys[0], sweep.point(0), shared))
-    stages._LATEST.clear()
+    for latest in stages.LATEST.values():
+        latest.cache_clear()
     store.remove(stage_name(plan.keys[0][FLEET]))
     store.remove(stage_name(plan.keys[0][OCEAN]))
     assert run_task(store.url, SweepTask(POINT, plan.keys[0], sweep.point(0), shared)) is None

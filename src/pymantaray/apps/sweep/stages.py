@@ -3,9 +3,9 @@ Stages of a mission that points share. Each is computed once and stays in memory
 """
 
 import io
-import math
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from time import perf_counter
 from typing import Any, TypeVar
 
@@ -16,7 +16,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, parse_failure, stage_name
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, STAGES, parse_failure, stage_name
 from pymantaray.config.door.ocean import MissionOcean
 from pymantaray.config.door.study import Study
 from pymantaray.errors import SweepError, WriteError
@@ -27,10 +27,24 @@ from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
 
-_LATEST: dict[str, tuple[str, Any, float]] = {}
-"""Latest result of each stage in this process, with its key and the time of its computation. [s]"""
 _T = TypeVar("_T")
+_MEDIUM = "medium"
 _RANGING = Ranging, Attempts, RangingTruth, Links, Arrivals, Receptions
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Result of a point, equal to that of any other point with the same key."""
+
+    key: str
+    compute: Callable[[], Any] = field(compare=False)
+
+
+LATEST = {name: lru_cache(maxsize=1)(lambda stage: stage.compute()) for name in (*STAGES, _MEDIUM)}
+"""
+Caches of the latest result of each stage in this process, by its key: the stage and the duration of
+its computation [s], or the medium.
+"""
 
 
 def open_ocean(ocean: MissionOcean, interpolation: Interpolation) -> OceanFields:
@@ -47,6 +61,8 @@ class Stages:
         self._study = study
         self._keys = keys
         self._store = store
+        self.seconds: dict[str, float] = {}
+        """Duration of the computation of each requested stage. [s]"""
         # a profile is faster to read again than from the store
         self._shared = shared - {OCEAN} if study.ocean.is_profile else shared
 
@@ -77,22 +93,18 @@ class Stages:
         """
         sound = self._study.sound
         key = f"{self._keys[OCEAN]} {sound.interpolation} {sound.earth}"
-        if _LATEST.get("medium", ("",))[0] != key:
-            _LATEST["medium"] = key, sound.medium(self.ocean), math.nan
-        medium: Medium | Callable[[float], Medium] = _LATEST["medium"][1]
+        medium: Medium | Callable[[float], Medium]
+        medium = LATEST[_MEDIUM](_Stage(key, lambda: sound.medium(self.ocean)))
         return medium
-
-    def seconds(self, stage: str) -> float:
-        """Duration of the computation of a requested stage. [s]"""
-        return _LATEST[stage][2]
 
     def ensure(self, stage: str) -> None:
         """Compute a shared stage unless the store has it."""
         if stage in self._shared and not self._store.has(stage_name(self._keys[stage])):
-            self._write(stage, getattr(self, stage))
+            result = getattr(self, stage)
+            self._write(stage, result, self.seconds[stage])
 
-    def _write(self, stage: str, result: Any) -> None:
-        cost = xr.Dataset(attrs={"seconds": self.seconds(stage)})
+    def _write(self, stage: str, result: Any, seconds: float) -> None:
+        cost = xr.Dataset(attrs={"seconds": seconds})
         content = netcdf_content({"cost": cost, **_PACK[stage](result)})
         write_sealed(self._store, stage_name(self._keys[stage]), content)
 
@@ -110,22 +122,26 @@ class Stages:
         return read_sealed(self._store, stage_name(self._keys[stage]), parse)
 
     def _get(self, stage: str, compute: Callable[[], _T]) -> _T:
-        key = self._keys[stage]
-        if _LATEST.get(stage, ("",))[0] != key:
-            shared = stage in self._shared
-            there = shared and self._store.has(stage_name(key))
-            read = self._read(stage) if there else None
-            if read is None:
-                start = perf_counter()
-                result = self._compute(key, compute) if shared else compute()
-                read = result, perf_counter() - start
-            _LATEST[stage] = key, *read
-            if there and not self._store.has(
-                stage_name(key)
-            ):  # the file was damaged; store the result for other points
-                self._write(stage, read[0])
-        out: _T = _LATEST[stage][1]
+        latest = _Stage(self._keys[stage], lambda: self._read_or_compute(stage, compute))
+        out: _T
+        out, self.seconds[stage] = LATEST[stage](latest)
         return out
+
+    def _read_or_compute(self, stage: str, compute: Callable[[], _T]) -> tuple[_T, float]:
+        """Stage and the duration of its computation. [s]"""
+        key = self._keys[stage]
+        shared = stage in self._shared
+        there = shared and self._store.has(stage_name(key))
+        read = self._read(stage) if there else None
+        if read is not None:
+            return read
+        start = perf_counter()
+        result = self._compute(key, compute) if shared else compute()
+        seconds = perf_counter() - start
+        if there and not self._store.has(stage_name(key)):
+            # the file was damaged; store the result for other points
+            self._write(stage, result, seconds)
+        return result, seconds
 
     def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
         """

@@ -21,7 +21,7 @@ from pymantaray.apps.study.mission import (
 from pymantaray.apps.study.realization import RealizationSolver, collect_results
 from pymantaray.apps.study.runner import refuse_too_large, run_study
 from pymantaray.apps.study.store import run_in_memory
-from pymantaray.apps.sweep.keys import POINT, STAGES, point_content, point_name
+from pymantaray.apps.sweep.keys import POINT, point_content, point_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config import StudyConfig
 from pymantaray.config.door.study import Study, build_study
@@ -103,7 +103,7 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
             vars(run).update(results | saved)
     with watch.stage("summary"):
         summary = summarize_point(run)
-    seconds = {stage: stages.seconds(stage) for stage in STAGES} | watch.seconds
+    seconds = stages.seconds | watch.seconds
     notes = [*ocean_notes(run.ocean.attrs), *fleet_notes(study, run.ocean.attrs)]
     notes += estimator_notes(run)
     origin = {"key": task.key, "version": task.version, "notes": notes}
