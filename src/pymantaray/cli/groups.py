@@ -96,7 +96,8 @@ class Fields:
     Selection of the fields of a library's dataclass that are options of a command.
 
     The option of a name is the name itself (``within_db``: ``--within-db``). A keyword gives
-    another option (``nominal_sound_speed="--nominal"``), two flags of a field with two values
+    another option (``nominal_sound_speed="--nominal"``), one whose value may be left out and is
+    then that in brackets (``method="--method[=fast]"``), two flags of a field with two values
     (``arrangement="--rigid/--free"``), or the fields of a field that is a dataclass
     (``speed_prior=Fields("scale")``).
 
@@ -111,6 +112,14 @@ class Fields:
             name: f"--{name.replace('_', '-')}" for name in names
         }
         self.options |= options
+
+
+class OptionalValue(NamedTuple):
+    """Mark of an option whose value may be left out: its flag, the value then, and all values."""
+
+    flag: str
+    value: str
+    values: tuple[str, ...]
 
 
 class _Option(NamedTuple):
@@ -226,6 +235,7 @@ def _library_group(kind: Any, selection: Fields) -> _Group:
 
 def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option:
     """Option of a field with a type, default, description and unit."""
+    flag, _, left_out = flag.removesuffix("]").partition("[=")
     name = flag.partition("/")[0].removeprefix("--").replace("-", "_")
     metavar = _METAVARS.get(unit, unit.upper())
     settings: dict[str, Any] = {"help": text, "metavar": metavar or None}
@@ -252,9 +262,10 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
         if unit == "s" and default is not None and default % 60.0 == 0.0 < default:
             default = f"{default / 60.0:g} min"
     annotation = kind | None if default is None else kind
-    return _Option(
-        _parameter(name, Annotated[annotation, typer.Option(flag, **settings)], default), convert
-    )
+    marks: list[Any] = [typer.Option(flag, **settings)]
+    if left_out:
+        marks.append(OptionalValue(flag, left_out, get_args(kind)))
+    return _Option(_parameter(name, Annotated[annotation, *marks], default), convert)
 
 
 def _kind(hint: Any) -> Any:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,7 +17,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
-from pymantaray.cli.groups import existing, number_in, quantity
+from pymantaray.cli.groups import OptionalValue, existing, number_in, quantity
 from pymantaray.cli.printing import Printer, log_to_stderr, printer, use_options_of
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
 from pymantaray.ocean.names import Equation
@@ -47,7 +48,14 @@ _VALUES = {
 
 
 class Command(TyperCommand):
-    """Command with panels in order, and words for values."""
+    """Command with panels in order, words for values, and options whose value may be left out."""
+
+    optional_values: ClassVar[Sequence[OptionalValue]] = ()
+
+    def make_context(self, info_name: Any, args: list[str], *rest: Any, **extra: Any) -> Any:
+        """Insert the values that are left out, and read the arguments."""
+        words = with_optional_values(args, self.optional_values)
+        return super().make_context(info_name, words, *rest, **extra)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help."""
@@ -97,7 +105,6 @@ def _word(parameter: Any, ctx: Any) -> str:
 
 
 _OCEAN = "--ocean"
-_BARE = {"--learn": ("causal", "smooth")}  # options whose first value may be left out
 Pair = tuple[float, float]
 LINKS = typer.Argument(
     callback=existing(),
@@ -206,10 +213,19 @@ class Commands(typer.Typer):
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
             text = " ".join((inspect.getdoc(function) or "").split())
-            ocean = inspect.signature(function).parameters.get("ocean")
-            marks = getattr(ocean and ocean.annotation, "__metadata__", ())
-            is_option = any(isinstance(mark, OptionInfo) for mark in marks)
-            about: dict[str, Any] = {"cls": OceanCommand if is_option else Command, "help": text}
+            parameters = inspect.signature(function).parameters
+            marks = {
+                name: getattr(p.annotation, "__metadata__", ()) for name, p in parameters.items()
+            }
+            is_option = any(isinstance(mark, OptionInfo) for mark in marks.get("ocean", ()))
+            kind = OceanCommand if is_option else Command
+            optional = [
+                mark for of in marks.values() for mark in of if isinstance(mark, OptionalValue)
+            ]
+            about: dict[str, Any] = {
+                "cls": type(kind.__name__, (kind,), {"optional_values": optional}),
+                "help": text,
+            }
             take(name, **(about | settings))(_with_verbosity(function))
             return function
 
@@ -251,8 +267,7 @@ class OceanCommand(Command):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert ``--ocean`` before each additional file, and values that may be left out."""
-        args = with_bare_values(args)
+        """Insert ``--ocean`` before each additional file."""
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
         endless = any(p.param_type_name == "argument" and p.nargs == -1 for p in self.params)
         first = bool(args) and not args[0].startswith("-")
@@ -261,22 +276,20 @@ class OceanCommand(Command):
         )
 
 
-def with_bare_values(words: list[str]) -> list[str]:
+def with_optional_values(words: list[str], options: Sequence[OptionalValue]) -> list[str]:
     """
-    Insert the first value of an option that stands alone.
+    Insert the value of an option whose value is left out.
 
     Examples
     --------
-    >>> with_bare_values(["events.csv", "--learn", "--quiet"])
-    ['events.csv', '--learn', 'causal', '--quiet']
+    >>> size = OptionalValue("--size", "large", ("small", "large"))
+    >>> with_optional_values(["in.csv", "--size", "--quiet"], [size])
+    ['in.csv', '--size', 'large', '--quiet']
     """
     out: list[str] = []
-    for k, word in enumerate(words):
+    for word, following in pairwise([*words, ""]):
         out.append(word)
-        values = _BARE.get(word)
-        following = words[k + 1] if k + 1 < len(words) else ""
-        if values and following not in values:
-            out.append(values[0])
+        out += [one.value for one in options if word == one.flag and following not in one.values]
     return out
 
 

@@ -14,6 +14,7 @@ from factories import names_in
 
 from pymantaray.apps.replay.command import _print_result
 from pymantaray.cli.printing import Printer
+from pymantaray.errors import MantaRayError
 
 EVENTS = pd.DataFrame(
     {
@@ -196,6 +197,26 @@ def test_every_option_reaches_the_files_of_a_replay(reached, files, node_file, m
 
 
 PLACES = {"--centre": (74.5, -140.25), "--position": (-33.5, 151.25)}
+
+
+@pytest.mark.parametrize(
+    ("words", "learn"),
+    [
+        (("--learn",), "causal"),
+        (("--learn", "--quiet"), "causal"),
+        (("--learn", "smooth"), "smooth"),
+    ],
+)
+def test_learning_is_causal_if_no_value_is_given(mantaray, files, monkeypatch, words, learn):
+    given = []
+
+    def record(*_, options, **__):
+        given.append(options.learn)
+        raise MantaRayError("enough")
+
+    monkeypatch.setattr("pymantaray.apps.replay.replay_events", record)
+    assert mantaray("replay", "events.csv", *WATER, "--rule", "persist:9", *words).code == 2
+    assert given == [learn]
 
 
 @pytest.mark.parametrize("place", PLACES)

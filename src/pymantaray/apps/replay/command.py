@@ -108,7 +108,13 @@ def replay(
     comparing: ComparisonOptions,
     prediction: Annotated[
         PredictionOptions,
-        Fields("draws", "position_sigma", "sound_speed_sigma", "learn", wind_speed="--wind"),
+        Fields(
+            "draws",
+            "position_sigma",
+            "sound_speed_sigma",
+            wind_speed="--wind",
+            learn="--learn[=causal]",
+        ),
     ],
     folder: FolderOptions,
     printing: TableOptions,
