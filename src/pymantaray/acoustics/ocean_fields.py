@@ -1,4 +1,4 @@
-"""Fields of an ocean over a mission, and their medium, currents and absorption for rays."""
+"""Fields of an ocean over a mission, and their medium and currents for rays."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -12,10 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.currents import Currents
-from pymantaray.acoustics.levels.absorption import Absorption, AbsorptionName
 from pymantaray.acoustics.medium import Interpolation, Medium
 from pymantaray.acoustics.profiles import Profile
-from pymantaray.errors import StudyError
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
 from pymantaray.ocean.varying import snapshot_at
@@ -80,24 +78,6 @@ class OceanFields:
     def varies(self) -> bool:
         """True if the sound speed varies in time."""
         return self.series is not None or has_internal_tide(self.local)
-
-    def absorption(
-        self, formula: AbsorptionName, centre: tuple[float, float] | None
-    ) -> Absorption | None:
-        """Absorption in the water; most formulas need temperature and salinity."""
-        if formula == "none":
-            return None
-        if formula == "thorp":
-            return Absorption.thorp()
-        if self.geographic is not None:
-            return Absorption.from_dataset(self.geographic, centre=centre, formula=formula)
-        if self.cast is None or self.cast.water is None:
-            raise StudyError(
-                f"detection.absorption is {formula}, but"
-                f" {self.local.attrs.get('title', 'the water')} has no temperature or salinity; set"
-                " detection.absorption to thorp or none"
-            )
-        return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=formula)
 
     def local_at(
         self, time: float, columns: Mapping[str, slice] = MappingProxyType({})

@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from pymantaray.acoustics.levels.absorption import AbsorptionName
+from pymantaray.acoustics.levels.absorption import Formula
 from pymantaray.acoustics.reflection import Sediment, SurfaceLoss, sediment_source
 from pymantaray.acoustics.selection import ArrivalRule
 from pymantaray.config.checks import NAME, NAMED
@@ -64,6 +64,7 @@ from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # maximum of the ray solver
+AbsorptionName = Literal[Formula, "thorp", "none"]
 
 
 _SURFACE_LOSS = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from pymantaray.ocean.window import Window
 
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
-AbsorptionName = Literal[Formula, "thorp", "none"]
-"""Absorption in a configuration: a formula of the water's properties, Thorp's, or none."""
+"""Formula of the water's properties."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from pymantaray.acoustics import (
+    Absorption,
     Currents,
     IceCover,
     Leakage,
@@ -13,11 +14,16 @@ from pymantaray.acoustics import (
     Sonar,
     WenzNoise,
 )
-from pymantaray.acoustics.levels.absorption import AbsorptionName
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.acoustics.reflection import bed_reflection
-from pymantaray.config.sections import DetectionSection, RangingSection, SoundConfig
+from pymantaray.config.sections import (
+    AbsorptionName,
+    DetectionSection,
+    RangingSection,
+    SoundConfig,
+)
+from pymantaray.errors import StudyError
 from pymantaray.geometry.sphere import Earth
 from pymantaray.sensing import Detector, OneWay, Picker, ReceptionOptions, Timing, TwoWay
 
@@ -49,8 +55,27 @@ class SoundOptions:
         """Reception with the absorption of the ocean's first snapshot."""
         if self.options.detector is None:
             return self.options
-        absorption = ocean.absorption(self.absorption, self.centre)
-        return self.options._replace(detector=replace(self.options.detector, absorption=absorption))
+        detector = replace(self.options.detector, absorption=self._absorption(ocean))
+        return self.options._replace(detector=detector)
+
+    def _absorption(self, ocean: OceanFields) -> Absorption | None:
+        """Absorption in the ocean; most formulas need temperature and salinity."""
+        if self.absorption == "none":
+            return None
+        if self.absorption == "thorp":
+            return Absorption.thorp()
+        if ocean.geographic is not None:
+            return Absorption.from_dataset(
+                ocean.geographic, centre=self.centre, formula=self.absorption
+            )
+        cast = ocean.cast
+        if cast is None or cast.water is None:
+            raise StudyError(
+                f"detection.absorption is {self.absorption}, but"
+                f" {ocean.local.attrs.get('title', 'the water')} has no temperature or salinity;"
+                " set detection.absorption to thorp or none"
+            )
+        return Absorption.from_profile(cast.depth, *cast.water, formula=self.absorption)
 
 
 def build_sonar(detection: DetectionSection | None) -> Sonar | None:
