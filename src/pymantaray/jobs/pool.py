@@ -1,7 +1,6 @@
 """Pools of workers, the queue of tasks, and the loop that runs it."""
 
 import json
-import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -18,7 +17,6 @@ from pymantaray.jobs.store import Store, failure_content, open_store
 if TYPE_CHECKING:
     from distributed import Client as Client  # noqa: PLC0414  a type for callers
 
-_LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # per task if its worker ends
 # one task at a time per worker: numerical libraries are not thread-safe
 _EXECUTION_LOCK = threading.Lock()

@@ -122,11 +122,6 @@ class _Model:
     def _regridding(self) -> Regridding:
         return Regridding.to(self.grid, self.lat, self.lon)
 
-    @cached_property
-    def _still_depth(self) -> Array:
-        """Depths (levels, rows, columns) without sea level, at the first instant. [m]"""
-        return self._depth(self.temperature, 0, still=True)
-
     def _depth(self, field: ModelField, instant: int, *, still: bool = False) -> Array:
         """Depths of the levels at points of temperature, increasing. [m]"""
         own = self.levels
@@ -195,21 +190,18 @@ class _Model:
         edges: Array = layer_edges(self._in_order(own.fixed))[self.wet.sum(axis=0)]
         return edges
 
-    @property
-    def _varies(self) -> bool:
-        """True if the depths of the levels vary horizontally."""
-        return self.levels.s is not None or self.levels.thickness is not None
-
     @cached_property
     def depth(self) -> Array:
         """Increasing depths of the data sets. [m]"""
         if self.levels.fixed is not None:
             return self._in_order(self.levels.fixed)
-        return fixed_depths(self._still_depth, np.where(self.wet[0], self._bed, np.nan))
+        still = self._depth(self.temperature, 0, still=True)
+        return fixed_depths(still, np.where(self.wet[0], self._bed, np.nan))
 
     def _regridded(self, values: Array, field: ModelField, instant: int) -> Array:
         """Values (levels, rows, columns) on depth, latitude and longitude."""
-        if self._varies:
+        # the depths of these levels vary horizontally
+        if self.levels.s is not None or self.levels.thickness is not None:
             bed = np.where(self.wet[0], self._bed, 0.0)
             values = to_depths(values, self._depth(field, instant), bed, self.depth)
         return np.stack([self._regridding(layer) for layer in values])

@@ -1,11 +1,10 @@
 """Data frames of a run, with one row per range attempt or pose and units in `attrs`."""
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pymantaray.evaluation import trajectory_errors
 from pymantaray.records import DatedRecord, RangingTruth, RayStatus, VehicleStatus
@@ -53,11 +52,6 @@ def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
         }
     )
     return _finished(frame, m)
-
-
-def _column(values: NDArray[Any]) -> NDArray[Any]:
-    """Column of a record for a table, with flags converted from bytes to booleans."""
-    return values == 1 if values.dtype == np.int8 else values
 
 
 def error_frame(run: "Run") -> pd.DataFrame:

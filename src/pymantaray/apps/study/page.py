@@ -407,9 +407,10 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
     # a finer sea floor has axes of its own
     bed = BoundarySurface.from_dataset(ocean, "sea_floor_depth")
+    axes = (ocean[name].to_numpy() for name in ("north", "east"))
     north, east = (
-        np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES)
-        for name in ("north", "east")
+        np.linspace(max(float(axis[0]), -reach), min(float(axis[-1]), reach), _BED_NODES)
+        for axis in axes
     )
     nodes = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
     return {
@@ -555,10 +556,6 @@ def _evenly(values: NDArray[Any], most: int) -> NDArray[Any]:
     if len(values) <= most:
         return values
     return np.asarray(values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))])
-
-
-def _within(axis: Array, reach: float) -> tuple[float, float]:
-    return max(float(axis[0]), -reach), min(float(axis[-1]), reach)
 
 
 def _rounded(values: Any, digits: int) -> Array:

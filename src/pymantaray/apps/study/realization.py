@@ -106,24 +106,21 @@ class RealizationSolver:
         It uses one thread, because the last digits of linear algebra depend on the number of
         threads.
         """
-        with threadpool_limits(limits=1, user_api="blas"):
-            return self._solve(realization)
-
-    def _solve(self, realization: int) -> RealizationResult:
         inputs = self._inputs
-        solutions = solve_conditions(
-            inputs.noise.noisy(realization),
-            {
-                name: estimator or self._factory.estimator(name, realization)
-                for name, estimator in inputs.estimators.items()
-            },
-            solver=self._solver,
-            covariance_samples=inputs.epochs,
-        )
-        joint = [name for name, solution in solutions.items() if solution.unknowns is not None]
-        return RealizationResult(
-            solutions, {name: self._true_unknowns(name, realization) for name in joint}
-        )
+        with threadpool_limits(limits=1, user_api="blas"):
+            solutions = solve_conditions(
+                inputs.noise.noisy(realization),
+                {
+                    name: estimator or self._factory.estimator(name, realization)
+                    for name, estimator in inputs.estimators.items()
+                },
+                solver=self._solver,
+                covariance_samples=inputs.epochs,
+            )
+            joint = [name for name, solution in solutions.items() if solution.unknowns is not None]
+            return RealizationResult(
+                solutions, {name: self._true_unknowns(name, realization) for name in joint}
+            )
 
     def _true_unknowns(self, condition: str, realization: int) -> dict[str, float]:
         from pymantaray.apps.study.true_unknowns import true_unknowns
