@@ -347,6 +347,10 @@ def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsy
     text = capsys.readouterr().out
     said = "median without learning: 2.500 ± 0.250 m (standard error due to 8 draws, 10 %)"
     assert said in text
+    none = pd.DataFrame(draws).assign(median_size_m=np.inf, median_error_m=np.nan)
+    unpredicted = replace(result, more=more | {"draws": none})
+    _print_result(Printer(quiet=False), unpredicted, Path("page"))
+    assert "median without learning: infinite with some draws, because" in capsys.readouterr().out
     assert "candidates change in 0.474 of 38 steps of 90 s, 0.526 if independent" in text
     clock = result.clocks.set_index("node").loc["B"]
     assert f"B +0.500 ± {1e3 * clock['standard_error_s']:.3f}" in text

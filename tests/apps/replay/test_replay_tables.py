@@ -63,13 +63,12 @@ def test_standard_errors_are_those_of_a_complete_network(as_stored):
     ]
     told = np.mean([t["standard_error_s"] for t in tables])
     spread = np.std([t["offset_s"] for t in tables], axis=0).mean()
-    assert told == pytest.approx(closed, rel=0.03)
+    assert 1.0 < told / closed < 1.15  # the larger one of two estimates
     assert spread == pytest.approx(closed, rel=0.15)
-    assert np.mean([t["standard_error_pairs_s"] for t in tables]) == pytest.approx(closed, rel=0.3)
     as_stored(tables[0])
 
 
-def test_shared_errors_of_a_pair_affect_only_the_error_over_pairs():
+def test_standard_errors_contain_errors_that_the_events_of_a_pair_share():
     nodes = {chr(65 + i): 0.0 for i in range(10)}
     ways = list(itertools.combinations(nodes, 2))
     tables = [
@@ -79,8 +78,7 @@ def test_shared_errors_of_a_pair_affect_only_the_error_over_pairs():
         for s in range(40)
     ]
     spread = np.std([t["offset_s"] for t in tables], axis=0).mean()
-    assert np.mean([t["standard_error_pairs_s"] for t in tables]) == pytest.approx(spread, rel=0.25)
-    assert np.mean([t["standard_error_s"] for t in tables]) < 0.4 * spread
+    assert np.mean([t["standard_error_s"] for t in tables]) == pytest.approx(spread, rel=0.25)
 
 
 def test_weights_are_those_of_the_sigmas(as_stored):

@@ -46,11 +46,11 @@ def clock_table(
     -------
     pandas.DataFrame
         One row per node: ``offset_s`` of its clock (ahead is positive), number of ``events``,
-        ``group`` of connected nodes, and two standard errors: ``standard_error_s`` for independent
-        events, scaled by their scatter, and ``standard_error_pairs_s`` for errors that all events
-        of a pair share (a sandwich estimator over pairs, NaN unless there are more pairs than
-        clocks). With drift also ``drift``, the rate of each clock [s/s], ``standard_error_drift``,
-        for independent events, and ``mean_time_s``.
+        ``group`` of connected nodes, and ``standard_error_s``: the larger one of that of
+        independent events, scaled by their scatter, and that of errors that all events of a pair
+        share (a sandwich estimator over pairs, if there are more pairs than clocks). With drift
+        also ``drift``, the rate of each clock [s/s], ``standard_error_drift`` by the same rule,
+        and ``mean_time_s``.
 
     Notes
     -----
@@ -96,16 +96,12 @@ def clock_table(
     n_clocks = int(np.count_nonzero(count)) - np.unique(group[count > 0]).size
     n_clocks = 2 * n_clocks if drift else n_clocks
     scatter = float(np.sum(weight * remaining**2)) / (n - n_clocks) if n > n_clocks else np.nan
-    error = np.sqrt(np.diag(inverse) * scatter)
+    independent = np.sqrt(np.diag(inverse) * scatter)
     over_pairs = _over_pairs(
         design * (weight * remaining)[:, None], used["pair"].to_numpy(dtype=str), inverse, n_clocks
     )
-    columns = {
-        "node": names,
-        "offset_s": clock[:k],
-        "standard_error_s": error[:k],
-        "standard_error_pairs_s": over_pairs[:k],
-    }
+    error = np.fmax(independent, over_pairs)
+    columns = {"node": names, "offset_s": clock[:k], "standard_error_s": error[:k]}
     if drift:
         columns |= dict(zip(_DRIFT_COLUMNS, (clock[k:], error[k:]), strict=True))
     table = pd.DataFrame(columns)

@@ -1,5 +1,6 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
+import math
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +26,8 @@ from pymantaray.cli.output import EXIT_UNUSABLE
 from pymantaray.cli.printing import LOG, Printer, in_options
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from pymantaray.apps.replay import Replay
     from pymantaray.apps.replay.events import Events
     from pymantaray.sensing.water import Water
@@ -232,13 +235,7 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
             out.table(tables[name])
     if "draws" in result.more:
         draws = result.more["draws"]
-        row = draws.iloc[0]
-        share = 100.0 * row["median_error_m"] / row["median_size_m"]
-        out.line(
-            f"median without learning: {row['median_size_m']:.3f} ± {row['median_error_m']:.3f} m"
-            f" (standard error due to {row['draws']:.0f} draws, {share:.0f} %)",
-            draws=draws,
-        )
+        out.line(f"median without learning: {_median_words(draws.iloc[0])}", draws=draws)
     # clocks, unless there are many
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy()
@@ -254,6 +251,17 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
             f" correlation time {switching['correlation_s']:.0f} s"
         )
     out.paths(page=page)
+
+
+def _median_words(draws: "pd.Series[float]") -> str:
+    """Median of the residuals with its standard error due to the draws."""
+    median, error = draws["median_size_m"], draws["median_error_m"]
+    if not math.isfinite(error):
+        return "infinite with some draws, because half of the events or more have no prediction"
+    return (
+        f"{median:.3f} ± {error:.3f} m (standard error due to {draws['draws']:.0f} draws,"
+        f" {100.0 * error / median:.0f} %)"
+    )
 
 
 def _exit_if_unexplained(events: Path, result: "Replay") -> None:

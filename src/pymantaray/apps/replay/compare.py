@@ -51,8 +51,8 @@ CAPTIONS = {
     "summary": "Coverage and residuals of groups of events. Intervals (95 %) resample pairs, not"
     " events; a single pair has none",
     "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each"
-    " connected group is 0 unless a reference is given. Standard errors as if events were"
-    " independent, and by pairs",
+    " connected group is 0 unless a reference is given. Standard errors of"
+    " independent events, or of errors that the events of a pair share if these are larger",
     "reciprocity": "Residuals of one direction less those of the other near in time, the part due"
     " to clocks, and the rest",
     "baselines": "The prediction beside two without an ocean, learned from the other pairs, and"
