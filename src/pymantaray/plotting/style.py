@@ -542,10 +542,13 @@ def _few_colours(pixels: NDArray[np.uint8]) -> Image.Image:
 
     The most frequent colours stay as they are. A median cut of all others chooses the rest, each
     with the square root of its number of pixels, which takes a third of the time of a median cut of
-    all pixels.
+    all pixels. Pixels are counted by runs of one colour.
     """
     words = np.ascontiguousarray(pixels).view(np.uint32).ravel()
-    colours, row, count = np.unique(words, return_inverse=True, return_counts=True)
+    start = np.flatnonzero(np.diff(words, prepend=~words[:1]))
+    length = np.diff(start, append=words.size)
+    colours, row = np.unique(words[start], return_inverse=True)
+    count = np.bincount(row, length).astype(np.intp)
     order = np.argsort(-count, kind="stable")
     rgb = colours[order].view(np.uint8).reshape(-1, 4)[:, :3]
     place = np.arange(order.size)  # in the palette, of colours by frequency
@@ -558,7 +561,7 @@ def _few_colours(pixels: NDArray[np.uint8]) -> Image.Image:
         palette += bytes(others.getpalette() or ())
     index = np.empty(order.size, dtype=np.uint8)
     index[order] = place
-    few = Image.fromarray(index[row].reshape(pixels.shape[:2]))
+    few = Image.fromarray(np.repeat(index[row], length).reshape(pixels.shape[:2]))
     few.putpalette(palette[: 3 * 256])
     return few
 
