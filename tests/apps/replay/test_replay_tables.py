@@ -68,7 +68,7 @@ def test_standard_errors_are_those_of_a_complete_network(as_stored):
     as_stored(tables[0])
 
 
-def test_standard_errors_contain_errors_that_the_events_of_a_pair_share():
+def test_standard_errors_contain_what_events_of_a_pair_share():
     nodes = {chr(65 + i): 0.0 for i in range(10)}
     ways = list(itertools.combinations(nodes, 2))
     tables = [
