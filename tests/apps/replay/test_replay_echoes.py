@@ -73,6 +73,17 @@ def test_echoes_under_rough_ice_and_learned_water(tmp_path):
     write_replay(learned, tmp_path / "out")
 
 
+def test_candidates_of_learning_contain_what_was_learned():
+    learned, plain = (
+        replay_events(events(), water(), "persist", options=PredictionOptions(learn=how))
+        for how in ("causal", None)
+    )
+    parts = learned.events.filter(regex="^learned_").sum(axis=1).to_numpy()
+    assert np.abs(parts).max() > 1e-6
+    moved = learned.candidates["travel_time_s"] - plain.candidates["travel_time_s"]
+    np.testing.assert_allclose(moved, parts[plain.candidates["event"]], rtol=0, atol=1e-12)
+
+
 def test_echoes_do_not_change_clocks_or_baselines(as_stored):
     with_echoes = events(times=(TOP + 0.01, TOP, 0.241, 0.239))
     replay = replay_events(with_echoes, water())
