@@ -3,9 +3,11 @@ Names of all columns and tuples that the kernels share (`at.NAME` in the kernels
 workspaces of the kernels.
 """
 
+import math
 from collections import namedtuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pymantaray.compile import PLAIN
 
@@ -221,11 +223,12 @@ MAX_NODES = 4096
 MAX_ROOTS = 256
 MAX_HALVED = 16  # intervals of a link that wait for rays at a time
 MAX_AHEAD = 2 * MAX_HALVED  # rays of a link traced ahead
-MAX_FLIGHTS = 8  # links whose rays are traced together
+MAX_FLIGHTS = 16  # links whose rays are traced together
 MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
 BLOCK = 32  # layers of a block of `ladder`
 N_LAYER = 11  # rows of a block of layers
+_LINE = 8  # numbers of a line of the processor's cache
 
 Work = namedtuple(
     "Work",
@@ -284,13 +287,23 @@ def flight_shapes(own: Work) -> Flights:
     return Flights(links=(MAX_FLIGHTS, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
 
 
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """
+    Allocate an array that starts on a line of the processor's cache, so that a vector of `march`
+    is on one line.
+    """
+    numbers = np.empty(math.prod(shape) + _LINE)
+    start = -(numbers.ctypes.data // numbers.itemsize) % _LINE
+    return numbers[start : start + math.prod(shape)].reshape(shape)
+
+
 def workspace(n_depth: int) -> Work:
     """Workspaces of one thread for any link."""
-    return Work(*(np.empty(shape) for shape in shapes(n_depth)))
+    return Work(*(_aligned(shape) for shape in shapes(n_depth)))
 
 
 def solver_room(n_depth: int) -> Room:
     """Workspaces of one thread that solves any links."""
     work = workspace(n_depth)
     arrays = flight_shapes(shapes(n_depth))
-    return Room(work, None if PLAIN else Flights(*(np.empty(shape) for shape in arrays)))
+    return Room(work, None if PLAIN else Flights(*(_aligned(shape) for shape in arrays)))
