@@ -17,19 +17,20 @@ from pymantaray.compile import PLAIN
 # integral of 1 / h; at the end, it receives the derivative.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 Y_ANGLE, Q_ANGLE, W_Q, P_Q, Y_Q, Q_Q = range(8, 14)
-N_FAN, N_FULL, N_SPACE = 4, 8, 14
+N_FAN, N_FULL = 4, 8
+N_SPACE = 16  # 14 numbers and two zeros: a vector of `lanes`
 # Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left
 # the water or a FORWARD ray had too many reflections (0: nowhere); GROWN, the largest |xi| on the
 # path; the smallest and largest offset across the axis on the path. For an OPEN ray, derivatives by
 # the launch angle of GONE, of the logarithm of the steepness there, and of both offsets; and the
 # same by the cross-track slowness.
-GONE, GROWN, HIGHEST, LOWEST = range(14, 18)
-GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(18, 22)
-GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(22, 26)
+GONE, GROWN, HIGHEST, LOWEST = range(16, 20)
+GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(20, 24)
+GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(24, 28)
 # Additional number for a full ray: the number of caustics, points on the path at which the width of
 # the ray tube passes through zero.
-CAUSTICS_PASSED = 26
-N_STATE = 27
+CAUSTICS_PASSED = 28
+N_STATE = 29
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset
 # [m], slowness along range, depth and cross-track [times the source's sound speed], boundary.
