@@ -27,9 +27,9 @@ _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 # s; duration of a block: long compared with Python's work between two blocks, and short enough to
 # stop quickly
 _BLOCK_SECONDS = 0.05
-# direct links of a block, unless they take longer [s]: the kernel traces rays of eight links
+# direct links of a block, unless they take longer [s]: the kernel traces rays of several links
 # together, and at the end of a block lanes are idle
-_TOGETHER, _LONGEST = 32, 1.0
+_TOGETHER, _LONGEST = 128, 1.0
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 _OWN = threading.local()  # arrays of `_workspace`
 

@@ -15,8 +15,9 @@ import math
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import find_level, move_level, smooth_beside
+from pymantaray.acoustics._kernels.lanes import load, packed, rounded_product, store
 from pymantaray.acoustics._kernels.layout import MAX_STEPS, Ray
-from pymantaray.acoustics._kernels.step import MIN_WIDTH, TUBE, A, C, step_error
+from pymantaray.acoustics._kernels.step import MIN_WIDTH, TUBE, A, C, step_error, varied
 from pymantaray.acoustics._kernels.trace import (
     MAX_STUCK,
     note_exit,
@@ -69,11 +70,14 @@ def cross_change(y, change):
     return -(y[at.Y] + y[at.Y_ANGLE] * change) / y[at.DY_DQ] if y[at.DY_DQ] > 0.0 else 0.0
 
 
-@kernel
-def _derivative(s, k, pos, y, dy, axis):
+@inlined
+def _derivative(s, k, pos, y, K, stage, axis):
     """
-    Right-hand side; returns False if the ray has turned across the axis, and the layer, from a
-    search that starts at layer k.
+    Right-hand side, into the row of a stage; returns False if the ray has turned across the axis,
+    and the layer, from a search that starts at layer k.
+
+    It is written at once: a vector that is loaded soon after its numbers were stored one by one
+    waits for them.
     """
     z, p, q = axis.z_source + y[at.W], y[at.P], y[at.Q]
     k = move_level(s.depth, k, z)
@@ -90,31 +94,24 @@ def _derivative(s, k, pos, y, dy, axis):
     mww = n2 * (3.0 * bw * bw - czz * ic)
     mwy = n2 * (3.0 * bw * by - cyz * ic)
     myy = n2 * (3.0 * by * by - cyy * ic)
-    dy[at.W], dy[at.P], dy[at.TAU] = p * ih, mw * ih, n2 * ih
-    dy[at.Y], dy[at.Q], dy[at.DY_DQ] = q * ih, my * ih, ih
-    for rows in ((at.XI, at.ETA, at.Y_ANGLE, at.Q_ANGLE), (at.W_Q, at.P_Q, at.Y_Q, at.Q_Q)):
-        i_w, i_p, i_y, i_q = rows
-        g = (mw * y[i_w] + my * y[i_y] - p * y[i_p] - q * y[i_q]) * ih3
-        dy[i_w] = y[i_p] * ih - p * g
-        dy[i_p] = (mww * y[i_w] + mwy * y[i_y]) * ih - mw * g
-        dy[i_y] = y[i_q] * ih - q * g
-        dy[i_q] = (mwy * y[i_w] + myy * y[i_y]) * ih - my * g
+    field = (p, q), (mw, my), (mww, mwy, myy), (ih, ih3)
+    by_angle = varied((y[at.XI], y[at.ETA], y[at.Y_ANGLE], y[at.Q_ANGLE]), *field)
+    by_q = varied((y[at.W_Q], y[at.P_Q], y[at.Y_Q], y[at.Q_Q]), *field)
+    here = p * ih, mw * ih, by_angle[0], by_angle[1], n2 * ih, q * ih, my * ih, ih
+    store(K, stage, packed((*here, by_angle[2], by_angle[3], *by_q)))
     return True, k
 
 
-@kernel
+@inlined
 def _step(s, k, pos, h, ray, axis):
     """One step as `step.step`; returns False if the ray turned across the axis."""
     y, K, ynew = ray.y, ray.K, ray.ynew
     for stage in range(1, 7):
-        for i in range(at.N_SPACE):
-            ynew[i] = A[stage, 0] * K[0, i]
+        total = rounded_product(A[stage, 0], load(K, 0))
         for j in range(1, stage):
-            for i in range(at.N_SPACE):
-                ynew[i] += A[stage, j] * K[j, i]
-        for i in range(at.N_SPACE):
-            ynew[i] = y[i] + h * ynew[i]
-        ok, k = _derivative(s, k, pos + C[stage] * h, ynew, K[stage], axis)
+            total = total + rounded_product(A[stage, j], load(K, j))
+        store(ynew, 0, load(y, 0) + rounded_product(h, total))
+        ok, k = _derivative(s, k, pos + C[stage] * h, ynew, K, stage, axis)
         if not ok:
             return False
     return True
@@ -139,7 +136,7 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
     y, K, path = ray.y, ray.K, ray.path
     _launch(y, angle, q0)
     k = find_level(s, axis.z_source)
-    ok, k = _derivative(s, k, 0.0, y, K[0], axis)
+    ok, k = _derivative(s, k, 0.0, y, K, 0, axis)
     if not ok:
         return False, 0, 0, 0
     recorded = path.shape[0] > 0
@@ -174,8 +171,8 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
         h *= min(4.0, 0.75 * math.sqrt(math.sqrt(most / error))) if error > 0.0 else 5.0
         if _tube(y) * _tube(ray.ynew) < 0.0:
             y[at.CAUSTICS_PASSED] += 1.0
-        for i in range(at.N_SPACE):
-            y[i], K[0, i] = ray.ynew[i], K[6, i]
+        store(y, 0, load(ray.ynew, 0))
+        store(K, 0, load(K, 6))
         count += 1
         z = axis.z_source + y[at.W]
         _note_extremes(y)

@@ -3,11 +3,13 @@ Arithmetic on sixteen numbers in vector registers of the processor (`Lanes`), fo
 time.
 
 Comparisons return a mask for `choose` and `any_lane`. A product and a sum may be combined with a
-single rounding. There is no plain Python version.
+single rounding. In plain Python there are only `load`, `store`, `rounded_product` and `packed`, on
+arrays: `beside` uses them for the numbers of one ray.
 """
 
 import operator
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core.cgutils import get_or_insert_function
@@ -15,6 +17,8 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, models, register_model
+
+from pymantaray.compile import PLAIN
 
 WIDTH = 16  # two vectors of the widest processors: while one waits for a result, the other proceeds
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
@@ -81,6 +85,47 @@ _define(operator.lt, MASK, lambda builder, a, b: builder.fcmp_ordered("<", a, b)
 _define(operator.and_, MASK, lambda builder, a, b: builder.and_(a, b), ((MASK, MASK),))
 
 
+def _or_plain(plain):
+    """Decorator of an intrinsic that in plain Python is another function, of arrays."""
+    return (lambda _intrinsic: plain) if PLAIN else intrinsic
+
+
+def _plain_row(rows, i):
+    return rows.reshape(-1)[WIDTH * i : WIDTH * (i + 1)]
+
+
+def _plain_store(rows, i, value):
+    _plain_row(rows, i)[:] = value
+
+
+def _plain_packed(numbers):
+    return np.pad(np.array(numbers), (0, WIDTH - len(numbers)))
+
+
+@_or_plain(operator.mul)
+def rounded_product(_context, _number, lanes):
+    """Product of a number and sixteen numbers that is rounded before it is added to others."""
+
+    def generate(_context, builder, _signature, args):
+        return builder.fmul(_splat(builder, args[0]), args[1])
+
+    return LANES(types.float64, lanes), generate
+
+
+@_or_plain(_plain_packed)
+def packed(_context, numbers):
+    """Sixteen numbers: those of a tuple, then zeros."""
+
+    def generate(_context, builder, signature, args):
+        total = ir.Constant(_VECTOR, None)
+        for i in range(len(signature.args[0])):
+            value = builder.extract_value(args[0], i)
+            total = builder.insert_element(total, value, ir.IntType(32)(i))
+        return total
+
+    return LANES(numbers), generate
+
+
 def _unary(name):
     """LLVM intrinsic for sixteen numbers."""
 
@@ -127,7 +172,7 @@ def _pointer(context, builder, kind, array, index):
     return builder.gep(context.make_array(kind)(context, builder, array).data, [index])
 
 
-@intrinsic
+@_or_plain(_plain_row)
 def load(_context, rows, _i):
     """Load a row of an array (n, 16)."""
 
@@ -139,7 +184,7 @@ def load(_context, rows, _i):
     return LANES(rows, types.int64), generate
 
 
-@intrinsic
+@_or_plain(_plain_store)
 def store(_context, rows, _i, value):
     """Store sixteen numbers in a row of an array (n, 16)."""
 

@@ -3,9 +3,11 @@ Names of all columns and tuples that the kernels share (`at.NAME` in the kernels
 workspaces of the kernels.
 """
 
+import math
 from collections import namedtuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pymantaray.compile import PLAIN
 
@@ -15,19 +17,20 @@ from pymantaray.compile import PLAIN
 # integral of 1 / h; at the end, it receives the derivative.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 Y_ANGLE, Q_ANGLE, W_Q, P_Q, Y_Q, Q_Q = range(8, 14)
-N_FAN, N_FULL, N_SPACE = 4, 8, 14
+N_FAN, N_FULL = 4, 8
+N_SPACE = 16  # 14 numbers and two zeros: a vector of `lanes`
 # Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left
 # the water or a FORWARD ray had too many reflections (0: nowhere); GROWN, the largest |xi| on the
 # path; the smallest and largest offset across the axis on the path. For an OPEN ray, derivatives by
 # the launch angle of GONE, of the logarithm of the steepness there, and of both offsets; and the
 # same by the cross-track slowness.
-GONE, GROWN, HIGHEST, LOWEST = range(14, 18)
-GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(18, 22)
-GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(22, 26)
+GONE, GROWN, HIGHEST, LOWEST = range(16, 20)
+GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(20, 24)
+GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(24, 28)
 # Additional number for a full ray: the number of caustics, points on the path at which the width of
 # the ray tube passes through zero.
-CAUSTICS_PASSED = 26
-N_STATE = 27
+CAUSTICS_PASSED = 28
+N_STATE = 29
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset
 # [m], slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -221,11 +224,12 @@ MAX_NODES = 4096
 MAX_ROOTS = 256
 MAX_HALVED = 16  # intervals of a link that wait for rays at a time
 MAX_AHEAD = 2 * MAX_HALVED  # rays of a link traced ahead
-MAX_FLIGHTS = 8  # links whose rays are traced together
+MAX_FLIGHTS = 16  # links whose rays are traced together
 MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
 BLOCK = 32  # layers of a block of `ladder`
 N_LAYER = 11  # rows of a block of layers
+_LINE = 8  # numbers of a line of the processor's cache
 
 Work = namedtuple(
     "Work",
@@ -284,13 +288,23 @@ def flight_shapes(own: Work) -> Flights:
     return Flights(links=(MAX_FLIGHTS, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
 
 
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """
+    Allocate an array that starts on a line of the processor's cache, so that a vector of `march`
+    is on one line.
+    """
+    numbers = np.empty(math.prod(shape) + _LINE)
+    start = -(numbers.ctypes.data // numbers.itemsize) % _LINE
+    return numbers[start : start + math.prod(shape)].reshape(shape)
+
+
 def workspace(n_depth: int) -> Work:
     """Workspaces of one thread for any link."""
-    return Work(*(np.empty(shape) for shape in shapes(n_depth)))
+    return Work(*(_aligned(shape) for shape in shapes(n_depth)))
 
 
 def solver_room(n_depth: int) -> Room:
     """Workspaces of one thread that solves any links."""
     work = workspace(n_depth)
     arrays = flight_shapes(shapes(n_depth))
-    return Room(work, None if PLAIN else Flights(*(np.empty(shape) for shape in arrays)))
+    return Room(work, None if PLAIN else Flights(*(_aligned(shape) for shape in arrays)))

@@ -25,7 +25,19 @@ from pymantaray.acoustics._kernels.lanes import (
     store,
     take,
 )
-from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, MIN_WIDTH, A, C
+from pymantaray.acoustics._kernels.step import (
+    E1,
+    E3,
+    E4,
+    E5,
+    E6,
+    E7,
+    FAN_TUBE,
+    MIN_WIDTH,
+    A,
+    C,
+    varied,
+)
 from pymantaray.compile import inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -262,19 +274,14 @@ def _vary_coupled(rows, stage, state, gradient, bends, inverses):
 @inlined
 def _vary(rows, first_rows, variation, slowness, gradient, bends, inverses):
     """
-    Write the right-hand side of a coupled variation, as in `step`: in the plane and across it, to
-    two pairs of rows.
+    Write the right-hand side of a coupled variation: in the plane and across it, to two pairs of
+    rows.
     """
-    dw, dp, dy, dq = variation
-    p, q = slowness
-    mw, my = gradient
-    mww, mwy, myy = bends
-    ih, ih3 = inverses
-    g = (mw * dw + my * dy - p * dp - q * dq) * ih3
-    store(rows, first_rows[0], dp * ih - p * g)
-    store(rows, first_rows[0] + 1, (mww * dw + mwy * dy) * ih - mw * g)
-    store(rows, first_rows[1], dq * ih - q * g)
-    store(rows, first_rows[1] + 1, (mwy * dw + myy * dy) * ih - my * g)
+    dw, dp, dy, dq = varied(variation, slowness, gradient, bends, inverses)
+    store(rows, first_rows[0], dw)
+    store(rows, first_rows[0] + 1, dp)
+    store(rows, first_rows[1], dy)
+    store(rows, first_rows[1] + 1, dq)
 
 
 @inlined

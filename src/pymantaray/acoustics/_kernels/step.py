@@ -136,6 +136,26 @@ def derivative(s, cell, pos, y, dy, n_eq, axis):
 
 
 @inlined
+def varied(variation, slowness, gradient, bends, inverses):
+    """
+    Derivatives of a coupled variation of w, p, y and q along the ray, as in `beside`: of one ray,
+    or of sixteen.
+    """
+    dw, dp, dy, dq = variation
+    p, q = slowness
+    mw, my = gradient
+    mww, mwy, myy = bends
+    ih, ih3 = inverses
+    g = (mw * dw + my * dy - p * dp - q * dq) * ih3
+    return (
+        dp * ih - p * g,
+        (mww * dw + mwy * dy) * ih - mw * g,
+        dq * ih - q * g,
+        (mwy * dw + myy * dy) * ih - my * g,
+    )
+
+
+@inlined
 def _advance(stage, h, y, K, ynew, n):
     """
     Put the first n numbers of the state at a stage into ynew; with a constant n the compiler uses
