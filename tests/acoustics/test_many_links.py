@@ -96,15 +96,19 @@ def test_a_slow_reader_holds_up_the_work(single_rows):
 
 
 def test_rows_that_are_faster_together_are_in_one_block(single_rows, monkeypatch):
-    sizes = [
-        stop - start for start, stop in in_blocks(lambda *rows: rows, 101, threads=1, least=32)
-    ]
-    assert sizes == [1, 32, 32, 32, 4]
-    sizes = [stop - start for start, stop in in_blocks(lambda *rows: rows, 41, threads=4, least=32)]
-    assert sizes == [1, 11, 11, 11, 7], "each thread has some"
+    def sizes(n_rows, threads):
+        blocks = in_blocks(lambda *rows: rows, n_rows, threads=threads, together=(32, 128))
+        return [stop - start for start, stop in blocks]
+
+    assert sizes(101, 1) == [1, 32, 32, 32, 4]
+    assert sizes(41, 4) == [1, 11, 11, 11, 7], "each thread has some"
+    assert sizes(600, 2) == [1, *[75] * 7, 74], "each thread has four blocks"
+    assert max(sizes(2000, 1)) == 128
 
     monkeypatch.setattr(solving, "_LONGEST", 0.05)
-    slow = in_blocks(lambda a, b: time.sleep(0.005 * (b - a)) or b - a, 40, threads=1, least=32)
+    slow = in_blocks(
+        lambda a, b: time.sleep(0.005 * (b - a)) or b - a, 40, threads=1, together=(32, 128)
+    )
     assert max(slow) <= 10, "not if that takes long"
 
 

@@ -28,8 +28,9 @@ _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 # stop quickly
 _BLOCK_SECONDS = 0.05
 # direct links of a block, unless they take longer [s]: the kernel traces rays of several links
-# together, and at the end of a block lanes are idle
-_TOGETHER, _LONGEST = 128, 1.0
+# together, and at the end of a block lanes are idle. The second number is for many links: with four
+# blocks or more, all threads end at about the same time
+_TOGETHER, _LONGEST = (32, 128), 1.0
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 _OWN = threading.local()  # arrays of `_workspace`
 
@@ -87,13 +88,13 @@ def solve_on_processor(
             solve_links(domain, bounces, settings, *ends, (0, 1), room, part)
         return _compact(results, n)
 
-    together = bounces is None and len(source) <= _FEW_LINKS
+    direct = bounces is None
     return in_blocks(
         solve,
         len(source),
         threads=threads,
-        first=len(source) if together else 1,
-        least=_TOGETHER if bounces is None else 1,
+        first=len(source) if direct and len(source) <= _FEW_LINKS else 1,
+        together=_TOGETHER if direct else (1, 1),
     )
 
 
@@ -116,19 +117,22 @@ def in_blocks(
     *,
     threads: int | None = None,
     first: int = 1,
-    least: int = 1,
+    together: tuple[int, int] = (1, 1),
 ) -> Generator[T, None, None]:
     """
     Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks, or has
-    ``least`` rows if these take at most a second and each thread has a block. The first
-    block has ``first`` rows and is finished before the threads start, so kernels are compiled once.
-    Without rows there is one empty block. The result of a row must not depend on the block. When
-    the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. It has as
+    many rows ``together`` as the first number if each thread has a block, and as the second one if
+    each has four, unless these take more than a second. The first block has ``first`` rows and is
+    finished before the threads start, so kernels are compiled once. Without rows there is one empty
+    block. The result of a row must not depend on the block. When the consumer stops or an interrupt
+    arrives, waiting blocks are dropped and running ones finish.
     """
     pace = 0.0  # s per row
     most = threads or os.cpu_count() or 1
+    share = -(-n_rows // most)
+    least = max(min(together[0], share), min(together[1], share // 4))
 
     def timed(start: int, stop: int) -> tuple[T, float]:
         begin = time.perf_counter()
@@ -137,7 +141,7 @@ def in_blocks(
 
     def after(start: int) -> int:
         short, long = (int(seconds / max(pace, 1e-9)) for seconds in (_BLOCK_SECONDS, _LONGEST))
-        rows = max(short, min(least, -(-n_rows // most), long), 1)
+        rows = max(short, min(least, long), 1)
         return min(start + min(rows, _MAX_BLOCK_ROWS), n_rows)
 
     start = min(n_rows, first)
