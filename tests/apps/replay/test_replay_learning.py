@@ -211,6 +211,19 @@ def test_errors_that_exist_are_found_within_some_events(short):
     assert learned.no_error_after < 1e-2
 
 
+def test_clocks_far_worse_than_usual_are_found_after_some_events():
+    """Clocks that gain up to 8 ms in a day, 160 times what is expected."""
+    events, candidates, _ = tables(seed=5, n=120, hours=12.0, size=0.0)
+    rate = pd.Series(dict(zip(NODES, (8e-3, -8e-3, 4e-3, -4e-3, 0.0), strict=True)))
+    days = events["time_s"] / 86400.0
+    late = days * (rate[events["receiver"]].to_numpy() - rate[events["source"]].to_numpy())
+    drifted = events.assign(measured_s=events["measured_s"] + late)
+    _, learned = learn(drifted, candidates)
+    assert learned.sizes.rate_s_per_day > 2e-3
+    left = errors_of(drifted, candidates, None, learned.parts.sum(axis=1))
+    assert np.median(left[60:]) < 0.25 * np.median(errors_of(drifted, candidates, None)[60:])
+
+
 @pytest.mark.slow
 def test_levels_tell_arrivals_apart():
     """The later arrival is 12 dB weaker; receivers take one or the other at random."""

@@ -76,6 +76,18 @@ def test_intervals_cover_the_odd_hours_after_the_correction(fitted):
     print(scored.more["coverage"].to_string())
 
 
+def test_learning_clocks_that_drift_fast_is_as_good_as_the_last_times(fitted):
+    """Clocks that gain up to 17 ms in a day, and a node that is 8 m from its stated position."""
+    events, waters, *_ = fitted
+    options = replace(OPTIONS, learn="causal")
+    rows = replay_events(events, waters, "persist", options=options).tables["horizons"].frame
+    row = rows.set_index("since_last").loc["10 to 60 min"]
+    assert row["median_size_m"] < row["last_median_m"]
+    assert row["q90_size_m"] < 1.2 * row["last_q90_m"]
+    assert 93.0 < row["within_95"] < 97.0
+    assert rows.set_index("since_last").loc["first of a way", "within_95"] > 70.0
+
+
 def test_the_error_due_to_draws_is_near_the_spread_over_sets(fitted):
     """
     16 sets of eight draws, none in two sets, predict two hours of events.

@@ -26,9 +26,9 @@ from pymantaray.estimation.filters.gauss_markov import (
 )
 
 _MEMORY = 24.0 * 3600.0  # s; of the arrivals of a pair
-_FIRST_FIT = 32  # events before the first estimate of the sizes; each of the next doubles them
+_FIRST_FIT = 8  # events before the first estimate of the sizes; each of the next doubles them
 _MAX_FIT = 1000  # events of an estimate of the sizes, the latest
-_STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
+_STEPS = (2.7, 0.9, 0.45, 0.2)  # of the search, in logarithms
 _SHARED = np.sqrt(0.5)  # half of the variance of the water is common to all pairs of depths
 _SOUND_SPEED = 1450.0  # m/s, for sizes only
 _DAY = 86400.0
@@ -235,9 +235,9 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
     Predict every event from earlier events only.
 
     Sizes of the errors are those with the largest posterior density, given one-step-ahead
-    predictions of earlier events. They are estimated after 32 events, and again whenever the number
-    of events has doubled. Predictions are averaged with those of a model without slow errors,
-    weighted by the likelihoods of both for the earlier events (Bayesian model averaging).
+    predictions of earlier events. They are estimated after eight events, and again whenever the
+    number of events has doubled. Predictions are averaged with those of a model without slow
+    errors, weighted by the likelihoods of both for the earlier events (Bayesian model averaging).
     """
     n = data.time.size
     tracks = ArrivalTracks(persistence, _MEMORY)
@@ -356,7 +356,8 @@ def fit_sizes(
 
     The probabilities of candidates stay fixed. The prior of the logarithm of a size is a Cauchy
     distribution, because an error may be absent. One size changes at a time, by steps that become
-    smaller.
+    smaller: upwards as long as the density increases, for errors of many times the usual ones, and
+    downwards by one step, because a few events may show none by chance.
     """
 
     def score(logarithms: Array) -> float:
@@ -367,14 +368,12 @@ def fit_sizes(
     best = start.logarithms
     highest = score(best)
     for step in _STEPS:
-        for k in range(best.size):
-            for sign in (1.0, -1.0):
-                trial = best.copy()
-                trial[k] += sign * step
-                value = score(trial)
-                if value > highest:
-                    best, highest = trial, value
-                    break
+        for moved in step * np.eye(best.size):
+            before = highest
+            while (value := score(best + moved)) > highest:
+                best, highest = best + moved, value
+            if highest == before and (value := score(best - moved)) > highest:
+                best, highest = best - moved, value
     return ErrorSizes.from_logarithms(best)
 
 
